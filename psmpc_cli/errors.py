@@ -52,7 +52,7 @@ class Interruption:
 
     Attributes:
         number: The signal; 0 as long as none has come.
-        handled: Whether `check` has raised it.
+        handled: Whether `raise_if_signalled` has raised it.
     """
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class Interruption:
         """Exit code of a program that the signal ended."""
         return 128 + (self.number or signal.SIGINT)
 
-    def check(self) -> None:
+    def raise_if_signalled(self) -> None:
         """Raise KeyboardInterrupt if a signal has come."""
         if self.number:
             self.handled = True
@@ -84,7 +84,7 @@ class Interruption:
     def check_after(self, delay: float) -> None:
         """Raise KeyboardInterrupt if a signal came longer ago than a delay [s]."""
         if self.number and time.monotonic() > self._came + delay:
-            self.check()
+            self.raise_if_signalled()
 
     def restore(self) -> None:
         """Let signals do again what they did before."""

@@ -27,11 +27,11 @@ def received() -> Iterator[list[int]]:
 @pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
 def test_a_signal_is_raised_where_it_is_checked_for(received: list[int], number: int, word: str) -> None:
     with deferred_signals() as interruption:
-        interruption.check()
+        interruption.raise_if_signalled()
         signal.raise_signal(number)
         assert interruption.exit_code == 128 + number
         with pytest.raises(KeyboardInterrupt, match=word):
-            interruption.check()
+            interruption.raise_if_signalled()
     assert received == []
 
 
@@ -56,7 +56,7 @@ def test_a_second_signal_that_is_no_repetition_is_not_deferred(
         signal.raise_signal(signal.SIGINT)
         assert received == [signal.SIGINT]
         with pytest.raises(KeyboardInterrupt):
-            interruption.check()
+            interruption.raise_if_signalled()
 
 
 def test_inside_another_use_the_outer_one_keeps_signals(received: list[int]) -> None:

@@ -79,18 +79,21 @@ def output_file(
 ) -> Path:
     """Choose the file that a command writes and make sure that nothing is overwritten unasked.
 
-    That is the one given after -o; else of runs/NAME.h5, runs/NAME-2.h5, ... the one that `free_path` chooses, or to
-    resume the last one. If figures or films are drawn, their folder beside the file counts as well.
+    Commands call this before their long work, so that it is not lost because its result cannot be written.
+
+    The file is the one given after -o. Without it, the file is the first of runs/NAME.h5, runs/NAME-2.h5, ... that is
+    free; runs/NAME.h5 in any case if `force` is set; and to resume a study the last of them that exists. If figures or
+    films are drawn, their folder beside the file counts as well.
 
     Args:
         given: The file given after -o.
         name: NAME.
-        kind: What the file will hold, by which its figures have their names.
+        kind: What the file will hold, such as a run or a sweep; the names of its figures follow from it.
         force: Replace files of an earlier command.
         figures: Whether figures are drawn.
         resume: Whether a study is resumed.
         films: Names of the films that are drawn.
-        inputs: Files that the command reads, or names of built-in ones.
+        inputs: Files that the command reads, which it must not overwrite, or names of built-in ones.
 
     Raises:
         InputError: The file or its folder of figures exists and is not to be overwritten, or cannot be written.
@@ -99,7 +102,7 @@ def output_file(
     from psmpc_cli.logs.files import check_output
 
     default = RUNS / f"{name}.h5"
-    if resume:
+    if resume:  # which is to write into a file that exists
         return given or next(path for path, later in pairwise(_numbered(default)) if not later.exists())
     path = given or free_path(default, force)
     check_output(path, force, inputs=inputs)
@@ -145,7 +148,7 @@ class ProgressLine:
     """Where the progress of long work is shown; by itself nowhere, as after --quiet."""
 
     def show(self, what: str | Progress, is_due: bool = True) -> None:
-        """Show a line, or how far work has come.
+        """Show a line, or how far work has come; here nothing, as after --quiet.
 
         Args:
             what: The line, or the progress.
@@ -189,13 +192,20 @@ SHORT = 2.0
 BETWEEN_LINES = 20.0
 """Longest time between two lines of long work [s]."""
 
+LINE_EVERY = 5.0
+"""Simulated time between two lines of a run where no stage switches [s]."""
+
 _shown_by: ContextVar[ProgressLine | None] = ContextVar("shown_by", default=None)
 """What shows progress now, for what logs it."""
 
 
 @contextmanager
 def live_line(quiet: bool) -> Iterator[ProgressLine]:
-    """Provide what shows progress; inside, the progress that the library logs is shown there too."""
+    """Provide the object on which a command shows the progress of long work, and remove its line at the end.
+
+    It shows nothing if `quiet`, replaces one line of standard error on a terminal, and writes lines that stay where
+    standard error is a file. Inside the context, progress that the library logs is shown on the same line.
+    """
     from rich.console import Console
     from rich.live import Live
 
@@ -210,11 +220,11 @@ def live_line(quiet: bool) -> Iterator[ProgressLine]:
             console.show_cursor()  # a signal may end the program at once, and would leave it hidden
         else:
             line = PlainLines()
-        before = _shown_by.set(line)
+        token = _shown_by.set(line)  # where `LoggedProgress` looks for it
         try:
             yield line
         finally:
-            _shown_by.reset(before)
+            _shown_by.reset(token)
 
 
 class LoggedProgress:
@@ -244,35 +254,41 @@ def watched_run(quiet: bool, end: float = math.inf) -> "Iterator[tuple[Callable[
 
     Its line has time, stage, planned switch times, real-time factor since the first sample, failed solves, and the
     estimated time to the end of the run if that is known, as of one that is repeated. Without a terminal there is a
-    line at every switch, and otherwise every 5 s of simulated time, or after `BETWEEN_LINES`.
+    line at every switch, and otherwise every `LINE_EVERY` of simulated time, or after `BETWEEN_LINES`.
 
     Args:
         quiet: Whether nothing is shown.
-        end: When the run ends, if that is known [s].
+        end: When the run ends, if that is known [s], in simulated time.
+
+    Yields:
+        The function to call with every sample of the run, which raises KeyboardInterrupt after a signal; and the signal
+        that came, with the exit code of the command.
     """
-    began = 0.0
-    due = 0.0
+    began = 0.0  # of the first sample, by the monotonic clock; 0 before it
+    due = 0.0  # simulated time from which the next line is due
     failed = 0
     with deferred_signals() as interruption, live_line(quiet) as line:
 
         def watch(sample: "Sample") -> None:
+            """Show how far the run has come with a sample; raise KeyboardInterrupt if a signal has come."""
             nonlocal began, due, failed
             command = sample.command
             now = time.monotonic()
             began = began or now
             failed += "solve_failed" in command.events
+            # simulated time per time of the clock, unknown at the first sample
             pace = command.time / (now - began) if command.time > 0 and now > began else math.nan
             factor = f"{pace:.1f}" if pace > 0 else "-"
             seconds = (end - command.time) / pace
-            left = f"  about {duration(seconds)} left" if 0 < seconds < math.inf else ""
+            remaining = f"  about {duration(seconds)} left" if 0 < seconds < math.inf else ""
             ahead = ", ".join(f"{instant:.2f}" for instant in command.switch_times) or "none"
             is_due = command.time >= due or bool(command.switches)
-            due = command.time + 5.0 if is_due else due
+            due = command.time + LINE_EVERY if is_due else due
             line.show(
                 f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
-                f"{factor:>5} x real time  failed solves: {failed}{left}",
+                f"{factor:>5} x real time  failed solves: {failed}{remaining}",
                 is_due,
             )
-            interruption.check()
+            interruption.raise_if_signalled()
 
         yield watch, interruption

@@ -292,14 +292,26 @@ def read_contents(path: Path) -> Contents:
 def present(
     path: Path, figures: bool, force: bool, quiet: bool, verbose: bool = False, films: Collection[str] = ()
 ) -> Any:
-    """Print the table of a file, draw its figures and films into its folder of figures, and return its content."""
+    """Print the table of a file and draw its figures and films; the end of a command that has written the file.
+
+    Args:
+        path: The file that the command has written: a log, or results of a study.
+        figures: Whether its figures are drawn, into its folder of figures.
+        force: Replace figures of an earlier command.
+        quiet: Whether nothing is printed.
+        verbose: Whether all that was measured is printed.
+        films: Names of the films that are drawn.
+
+    Returns:
+        What the file holds: a run, runs by name, or the results of the study.
+    """
     from psmpc_cli.figures.registry import default_directory, draw
 
     contents = read_contents(path)
     if not quiet:
         contents.print(verbose)
     if (figures or films) and contents.drawable:
-        only = None if figures else ()
+        only = None if figures else ()  # all figures, or none but the films
         directory = default_directory(path)
         drawn = draw(contents.kind, contents.value, directory, only=only, force=force, films=films)
         if not quiet:

@@ -22,14 +22,14 @@ def check(
 ) -> None:
     """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
     problems = []
-    agree = True
+    gradients_agree = True
     if figure is not None:
         from psmpc_cli.figures.registry import check_figure
 
         check_figure(figure, force, "--figure", files)
     for reference in files:
         try:
-            agree &= _check_one(reference, changes or [], gradients, figure, force)
+            gradients_agree &= _check_file(reference, changes or [], gradients, figure, force)
         except PsmpcError as error:
             problems.append(str(error))
     if problems:
@@ -38,12 +38,28 @@ def check(
         text = "\n".join(problems)
         count = sum(not line.startswith(" ") for line in text.splitlines())  # the others say more of the one before
         raise SpecError(f"{counted(count, 'problem', 'problems')}:\n{text}")
-    if not agree:
+    if not gradients_agree:
         raise typer.Exit(1)
 
 
-def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path | None, force: bool) -> bool:
-    """Print the table of one robot or task and the audit of its gradients, draw it; tell whether gradients agree."""
+def _check_file(reference: str, changes: list[str], gradients: bool, figure: Path | None, force: bool) -> bool:
+    """Print and draw one robot or task, and audit the gradients of a task.
+
+    A task is validated from its text first, before anything heavy is imported, so that mistakes are reported at once.
+
+    Args:
+        reference: A YAML file or the name of a built-in robot or task.
+        changes: Changes of a task, `PATH=VALUE` each.
+        gradients: Whether the gradients of the switch times are audited.
+        figure: Where the robot or the scenario of the task is drawn; None for no drawing.
+        force: Replace that drawing.
+
+    Returns:
+        Whether the gradients agree with their references; True where they are not audited.
+
+    Raises:
+        PsmpcError: The robot or task is not valid, or the figure cannot be written.
+    """
     from psmpc_cli.specs.load import kind_of_reference, load_robot
 
     agree = True
@@ -90,11 +106,11 @@ def tasks() -> None:
     print_table(("task", "robot", "what it shows"), rows, left_aligned=3)
     echo()
     robots = {name: load_robot(name) for name in built_ins("robot")}
-    numbers = [
+    robot_rows = [
         (name, "plane" if robot.dimension == 2 else "space", ", ".join(robot.arms), str(len(robot.joints)))
         for name, robot in robots.items()
     ]
-    print_table(("robot", "moves in", "arms", "joints"), numbers, left_aligned=3)
+    print_table(("robot", "moves in", "arms", "joints"), robot_rows, left_aligned=3)
     echo("psmpc check NAME prints one; psmpc simulate TASK runs one; psmpc init DIR copies all")
 
 
@@ -110,7 +126,7 @@ def init(
 
     files = starter_files(directory)
     for path in files:
-        check_output(path, force, STARTER, "DIR", starter_sources())
+        check_output(path, force, STARTER, "DIR", starter_sources())  # of all before any is written
     for path, text in files.items():
         write_new(path, text.encode(), force, STARTER, "DIR", starter_sources())
     for path in sorted(files):
@@ -149,8 +165,8 @@ def bench(
 
     tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
     repeat = repeat or (1 if quick else 3)
-    appends = 2 if quick else None
+    appends = 2 if quick else None  # samples at which a stage enters the window, with a cold start; None: all of a run
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as line:
-        measured = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
+        measured = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.raise_if_signalled)
     print_table(study.HEADINGS, list(study.bench_rows(measured)), left_aligned=3)
     echo(f"{study.NOTE}\n\n{study.describe_machine(measured)}")

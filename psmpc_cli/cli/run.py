@@ -87,14 +87,14 @@ def simulate(
         offscreen_driver()
     with watched_run(quiet) as (watch, interruption):
         if unfinished is not None:
-            _continue(unfinished, output, watch)
+            _finish_run(unfinished, output, watch)
         else:
             run_task(loaded, path, watch, force, keep_going=keep_going, new_targets=new_targets)
     log = present(path, figures, force or path == unfinished, quiet, verbose, films)
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        _save(lambda: show(log), page, [path], "view", force, open_it)
+        _save_page(lambda: show(log), page, [path], "view", force, open_it)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     _require_not_stuck(log)
@@ -121,15 +121,24 @@ def _require_not_stuck(run: "Run") -> None:
         raise RunError(f"{run.attributes['end_reason']}{advice}; {run.path} holds the run up to then")
 
 
-def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]") -> None:
-    """Finish an unfinished run by running it again from its beginning; end with 1 where that differs from its log."""
+def _finish_run(path: Path, output: Path | None, watch: "Callable[[Sample], None]") -> None:
+    """Finish an interrupted run by running it again from its beginning, for `psmpc simulate --continue`.
+
+    The samples in its log show whether the repeated run is the same. If it differs, the differences are printed, the
+    log stays as it is, and the command ends with exit code 1 unless the whole run goes to another file.
+
+    Args:
+        path: The log of the interrupted run.
+        output: Where the whole run goes; None to complete the log itself.
+        watch: Called with every sample.
+    """
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.replay import continue_run
 
     log = read_run(path)
     comparison = continue_run(log, output, watch)
-    if comparison is None or not comparison.differences:
+    if comparison is None or not comparison.differences:  # None after a signal
         return
     print_differences(comparison, log)
     if output is None:
@@ -156,7 +165,7 @@ def rerun(
     loaded = read_run(log)
     with watched_run(quiet, loaded.motion.end) as (watch, interruption):
         comparison = repeat(loaded, output, force, watch)
-    if comparison is None:
+    if comparison is None:  # a signal came
         raise typer.Exit(interruption.exit_code)
     print_differences(comparison, loaded)
     if strict and comparison.differences:
@@ -184,7 +193,7 @@ def replay(
     for remark in again.remarks:
         echo(f"note: {remark}")
     echo("\n".join(again.iterations))
-    if (largest := max(window.omega)) != 1:
+    if (largest := max(window.omega)) != 1:  # solvers divide J by it
         echo(f"objective in the lines above: J over the largest priority, {largest:g}")
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in again.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{again.largest_of_controls:.1e}"))
@@ -314,11 +323,11 @@ def view(
     def page() -> "Page":
         runs: dict[str, Run] = {}
         for log in logs:
-            for name, chosen in read_contents(log).runs(run or [], quiet).items():
+            for name, chosen in read_contents(log).runs(run or [], quiet).items():  # names may repeat between logs
                 runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = chosen
         return show(runs)
 
-    _save(page, output, logs, "view", force, open_it)
+    _save_page(page, output, logs, "view", force, open_it)
 
 
 def report(
@@ -331,7 +340,7 @@ def report(
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.report.pages import report_run
 
-    _save(lambda: report_run(read_run(log)), output, [log], "report", force, open_it)
+    _save_page(lambda: report_run(read_run(log)), output, [log], "report", force, open_it)
 
 
 def _page_path(logs: Sequence[Path], kind: str, force: bool, output: Path | None = None) -> Path:
@@ -343,7 +352,7 @@ def _page_path(logs: Sequence[Path], kind: str, force: bool, output: Path | None
     return path
 
 
-def _save(
+def _save_page(
     page: "Callable[[], Page]",
     output: Path | None,
     logs: Sequence[Path],
@@ -351,7 +360,19 @@ def _save(
     force: bool,
     open_it: bool = False,
 ) -> None:
-    """Make and write a page of logs, say where, and open it if asked to."""
+    """Make and write an HTML page of logs, print where it is, and open it if asked to.
+
+    Args:
+        page: Makes the page; called once it is clear that its file can be written.
+        output: Where it goes; None for LOG-kind.html beside the first log, or one with a number that is free.
+        logs: The files that it shows.
+        kind: `view` or `report`.
+        force: Replace a page of an earlier command.
+        open_it: Open it in the browser; without one a message says so.
+
+    Raises:
+        InputError: The file exists and is not to be overwritten, or cannot be written.
+    """
     import webbrowser
 
     path = _page_path(logs, kind, force, output)

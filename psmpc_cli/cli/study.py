@@ -44,9 +44,8 @@ def compare(
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [], own_settings)
-    path = common.output_file(
-        output, f"{next(iter(tasks.values())).spec.name}-comparison", COMPARISON, force, figures, inputs=[task]
-    )
+    name = next(iter(tasks.values())).spec.name
+    path = common.output_file(output, f"{name}-comparison", COMPARISON, force, figures, inputs=[task])
     with ending_on_signals("no comparison was written"), live_line(quiet) as line:
         run_tasks(tasks, path, jobs, force, line.show)
     present(path, figures, force, quiet, verbose)
@@ -81,7 +80,7 @@ def sweep_weights(
     """Run missions under many pairs of priorities, and recommend a pair. Paper Fig. 6."""
     common.ensure_not_both(quiet, verbose)
     if grid is not None and not _is_grid(grid):
-        grid, task = task, grid
+        grid, task = task, grid  # the two arguments may come in any order
     if task is not None:
         common.validate(task, changes)
     from psmpc_cli.studies import sweep
@@ -90,13 +89,24 @@ def sweep_weights(
     expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
     epsilons = parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
     loaded = sweep.load_sweep_task(task or sweep.DEFAULT_TASK, tuple(changes or ()), epsilons)
-    if (grid is None) == (sampling is None):
+    if (grid is None) == (sampling is None):  # both, or neither
         found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
         raise InputError(f"found {found}, expected one: 25x25, a number of ratios such as 49, or --sampling random:100")
     limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
     cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet, verbose)
+    _run_study(
+        study,
+        task or sweep.DEFAULT_TASK,
+        output,
+        force=force,
+        resume=resume,
+        jobs=jobs,
+        dask=dask,
+        figures=figures,
+        quiet=quiet,
+        verbose=verbose,
+    )
 
 
 def _is_grid(text: str) -> bool:
@@ -124,13 +134,25 @@ def monte_carlo(
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     study = monte_carlo_study(task, runs, tuple(changes or ()))
-    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet, verbose)
+    _run_study(
+        study,
+        task,
+        output,
+        force=force,
+        resume=resume,
+        jobs=jobs,
+        dask=dask,
+        figures=figures,
+        quiet=quiet,
+        verbose=verbose,
+    )
 
 
 def _run_study(
     study: "Study",
     task: str,
     output: Path | None,
+    *,
     force: bool,
     resume: bool,
     jobs: int | None,
@@ -139,7 +161,25 @@ def _run_study(
     quiet: bool,
     verbose: bool,
 ) -> None:
-    """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
+    """Run a study into its file, show its progress, and print and draw its results.
+
+    After a signal the file keeps the cells that were done, and --resume continues with the others.
+
+    Args:
+        study: The cells to run, each the task with other settings, and the quantities to keep of each run.
+        task: The task file or the name of the built-in task, which the output must not overwrite.
+        output: The file of results; None for runs/TASK-KIND.h5.
+        force: Replace files of an earlier command.
+        resume: Continue the study in its file.
+        jobs: Number of processes at once; None for one a core.
+        dask: Address of the scheduler of a Dask cluster that runs the cells instead.
+        figures: Whether figures are drawn.
+        quiet: Whether neither progress nor results are printed.
+        verbose: Whether all that was measured is printed.
+
+    Raises:
+        InputError: Options exclude each other, or the file cannot be written.
+    """
     from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.runner import run_study
 
@@ -211,7 +251,7 @@ def pareto(
         if run is None:
             with watched_run(quiet) as (watch, interruption):
                 run = simulate(loaded, log, watch, force=True)
-            interruption.check()
+            interruption.raise_if_signalled()
             if run.attributes["stuck"]:
                 raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
         with live_line(quiet) as line:

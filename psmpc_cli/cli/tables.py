@@ -77,7 +77,11 @@ def print_table(headings: Row, rows: Sequence[Row], left_aligned: int = 2) -> No
 
 
 def print_summary(run: Run, verbose: bool) -> None:
-    """Print a run: how the mission went, warnings, its stages and what matters most; all of it if `verbose`."""
+    """Print the summary of a run.
+
+    It says how the mission went, warns of what may make the run unfit to judge by, and has a table of the stages. The
+    measures that matter most follow, or all of them, and all stages, if `verbose`.
+    """
     summary = run.summary()
     echo(describe_mission(summary), colour=_colour_of(summary))
     for warning in warnings_of(summary):
@@ -104,9 +108,9 @@ def _colour_of(summary: Summary) -> str:
 def print_comparison(runs: Mapping[str, Run], path: Path, verbose: bool) -> None:
     """Print runs of one task, most often one of each controller: the recommended one, then a row for each.
 
-    With `verbose`, all that was measured follows, with differences to the first run. Brackets are explained only where
-    they occur, parentheses wherever there is a second run. Where all priorities are equal, psmpc is the same controller
-    as smpc.
+    Why a mission did not succeed is printed for every run, other missions and warnings only with `verbose`. So is the
+    table of all that was measured, with differences to the first run. Where all priorities are equal, psmpc and smpc
+    differ in nothing, which is said.
 
     Args:
         runs: The runs by name.
@@ -121,7 +125,7 @@ def print_comparison(runs: Mapping[str, Run], path: Path, verbose: bool) -> None
             echo(f"{name}: {describe_mission(summary)}", colour=_colour_of(summary))
         for warning in warnings_of(summary) if verbose else ():
             echo(f"{name}: warning: {warning}", colour=WARNING)
-    rows = [[name, *(of(summary) for _, of in COMPARED)] for name, summary in summaries.items()]
+    rows = [[name, *(text_of(summary) for _, text_of in COMPARED)] for name, summary in summaries.items()]
     print_table(("controller", *(heading for heading, _ in COMPARED)), rows)
     echo(describe_terms(runs))
     if verbose:
@@ -133,14 +137,14 @@ def print_comparison(runs: Mapping[str, Run], path: Path, verbose: bool) -> None
     echo(f"logs: {path}{'' if verbose else ALL_WITH_VERBOSE}")
 
 
-def _outcome(summary: Summary) -> str:
+def _describe_outcome(summary: Summary) -> str:
     """Write how a mission went in two words at most."""
     outcomes = {True: "succeeded", False: "failed", None: "not judged"}
     return outcomes[summary.succeeded] if summary.ended else "not finished"
 
 
 COMPARED: tuple[tuple[str, Callable[[Summary], str]], ...] = (
-    ("mission", _outcome),
+    ("mission", _describe_outcome),
     ("ends\n[s]", lambda run: number(run.duration, TIME) if run.ended else "-"),
     ("early\nstarts", lambda run: number(sum(stage.early for stage in run.stages))),
     ("effort [m^2/s^3,\nrad^2/s^3]", lambda run: number(run.control_effort)),
@@ -154,7 +158,7 @@ COMPARED: tuple[tuple[str, Callable[[Summary], str]], ...] = (
 def _print_all_compared(summaries: Mapping[str, Summary]) -> None:
     """Print all that was measured of runs side by side, with differences to the first one."""
     first, *others = summaries
-    rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
+    rows = [row for row in _comparison_rows(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
     print_table(("", *summaries), rows, left_aligned=1)
     if others:
         echo(f"in parentheses: difference to {first}")
@@ -162,55 +166,74 @@ def _print_all_compared(summaries: Mapping[str, Summary]) -> None:
         echo("in brackets: published")
 
 
-def _compared(runs: Sequence[Summary]) -> Iterator[Row]:
-    """Yield the rows of a comparison: a measure of every run."""
+def _comparison_rows(runs: Sequence[Summary]) -> Iterator[Row]:
+    """Yield the rows of a comparison of runs of one task, each a heading and then a cell for every run.
+
+    Rows come for every stage (its actual start, end and duration), for the run and its measures, and for its monitors.
+    Cells after the first have their difference to it in parentheses; what the paper has published is in brackets.
+    """
+    # zip(*...) turns the stages of each run into the runs of each stage; all runs have the same stages
     for stages in zip(*(run.stages for run in runs), strict=True):
         name = stages[0].name
-        published = [each.published_start for each in stages]
-        starts = _differences([each.actual_start for each in stages], TIME, published)
-        early = ("early " if each.early else "" for each in stages)
+        published_starts = [stage.published_start for stage in stages]
+        starts = _texts_with_differences([stage.actual_start for stage in stages], TIME, published_starts)
+        early = ("early " if stage.early else "" for stage in stages)
         yield f"{name} actually starts [s]", *map("".join, zip(early, starts, strict=True))
-        published = [each.published_switch for each in stages]
-        yield f"{name} ends [s]", *_differences([each.switch_time for each in stages], TIME, published)
-        yield f"{name} lasts [s]", *_differences([each.duration for each in stages], TIME)
-    yield "end of the run [s]", *_differences([run.duration for run in runs], TIME)
+        published_ends = [stage.published_switch for stage in stages]
+        ends = _texts_with_differences([stage.switch_time for stage in stages], TIME, published_ends)
+        yield f"{name} ends [s]", *ends
+        yield f"{name} lasts [s]", *_texts_with_differences([stage.duration for stage in stages], TIME)
+    yield "end of the run [s]", *_texts_with_differences([run.duration for run in runs], TIME)
     for measure in MEASURES:
         if Shown.COMPARED in measure.shown:
-            yield measure.heading, *_measured(measure, runs)
+            yield measure.heading, *_texts_of_measure(measure, runs)
     for verdicts in zip(*(run.monitors for run in runs), strict=True):
         yield f"monitor: {verdicts[0].name}", *map(describe_verdict, verdicts)
 
 
-def _measured(measure: Measure, runs: Sequence[Summary]) -> list[str]:
+def _texts_of_measure(measure: Measure, runs: Sequence[Summary]) -> list[str]:
     """Write a measure of every run, numbers with their differences."""
     values = [measure.of(run) for run in runs]
     numbers = [value for value in values if not isinstance(value, str)]
-    return _differences(numbers, measure.resolution) if numbers else [str(value or "-") for value in values]
+    return _texts_with_differences(numbers, measure.resolution) if numbers else [str(value or "-") for value in values]
 
 
-def _differences(values: Sequence[float], resolution: float, published: Sequence[float] = ()) -> list[str]:
-    """Write numbers, those after the first with their difference to it, each with what was published of it."""
+def _texts_with_differences(values: Sequence[float], resolution: float, published: Sequence[float] = ()) -> list[str]:
+    """Write numbers, those after the first with their difference to it, such as `8.21 (+0.3) [8.5]`.
+
+    Args:
+        values: One of each run; NaN where it was not measured.
+        resolution: Smallest difference between values that means something, in their unit.
+        published: The values that were published; NaN where none was. None at all if left out.
+    """
     texts = [number(value, resolution) for value in values]
     for i, value in enumerate(values[1:], start=1):
         difference = value - values[0]
         if math.isnan(difference):
             continue
+        # a difference has the last digit of the larger number; counts differ exactly
         step = 0.0 if isinstance(difference, int) else 10.0 ** last_place(max(values[0], value, key=abs), resolution)
         texts[i] += " (=)" if texts[i] == texts[0] else f" ({number(difference, step, sign='+')})"
+    # all published values are times, which are given to a tenth of a second
     marks = ["" if math.isnan(value) else f" [{number(value, 0.1)}]" for value in published] or [""] * len(texts)
     return list(map("".join, zip(texts, marks, strict=True)))
 
 
 def print_differences(comparison: Comparison, log: Run) -> None:
-    """Print how a repeated run differs from its log, and the conditions under which that is to be expected."""
+    """Print where a repeated run differs from its log, and why it need not be equal, if anything explains that.
+
+    Args:
+        comparison: The datasets of the two logs, compared one by one.
+        log: The log of the run that was repeated.
+    """
     if not comparison.differences:
         echo(f"equal: all {comparison.compared} datasets but the wall times")
         return
     rows = []
-    for each in comparison.differences:
-        largest = "" if math.isnan(each.largest) else f"{each.largest:.1e}"
-        text = f"{largest} ({each.what})" if largest and each.what else each.what or largest
-        rows.append((each.path, each.units, text, "" if each.row < 0 else str(each.row)))
+    for dataset in comparison.differences:
+        largest = "" if math.isnan(dataset.largest) else f"{dataset.largest:.1e}"
+        text = f"{largest} ({dataset.what})" if largest and dataset.what else dataset.what or largest
+        rows.append((dataset.path, dataset.units, text, "" if dataset.row < 0 else str(dataset.row)))
     print_table(("dataset", "units", "largest difference", "first in row"), rows)
     echo(f"differs: {len(rows)} of {comparison.compared} datasets; wall times were not compared")
     for condition in unequal_conditions(log):
@@ -218,19 +241,25 @@ def print_differences(comparison: Comparison, log: Run) -> None:
 
 
 def print_sweep(cells: SweepCells, verbose: bool) -> None:
-    """Print a sweep over weights, complete or not: the recommended ratio, runs, and the cells by status.
+    """Print a sweep over the priorities of two stages, complete or not.
 
-    With `verbose` there is a row for each run, up to `MOST_ROWS`, with the starts by every threshold, end errors, and
-    why a mission failed.
+    The recommended ratio of the priorities comes first, with the reason; then a table of runs, the number of cells by
+    status, and the reasons of failures with the number of times. Each row of the table is one run: cells of equal ratio
+    have the same optimum, and may share a run.
+
+    Args:
+        cells: The results of the sweep, one cell for each pair of priorities.
+        verbose: Whether the table has up to `MOST_ROWS` rows instead of `MOST_SHORT`, with the starts by every
+            threshold of the actual start, end errors, and why a mission failed.
     """
     recommended = recommend(cells)
     echo(recommended.headline, colour=WARNING if recommended.ratio is None else GOOD)
     echo(recommended.reason)
     if len(cells.run_by_ratio):
-        _print_runs(cells, verbose)
+        _print_runs_of_sweep(cells, verbose)
     solves = cells.count("solves")
     failed = cells.count("solves_failed")
-    echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
+    echo(f"{len(cells.ratio)} cells: {_count_by_status(cells.results)}; {solves} solves, {failed} of them failed")
     for reason, times in Counter(cells.quantity("reason")[cells.failed]).most_common():
         echo(f"  {times} failed: {reason}")
     echo(f"sweep: {cells.results.path}{'' if verbose else ALL_WITH_VERBOSE}")
@@ -241,17 +270,17 @@ def print_key_sweep(results: Results) -> None:
     succeeded = results["succeeded"]
     axes = [results[key] for key in results.quantities["succeeded"].dims]
     rows = [
-        (*(str(axis[i]) for axis, i in zip(axes, cell, strict=True)), *_end_of_run(results, cell))
+        (*(str(axis[i]) for axis, i in zip(axes, cell, strict=True)), *_texts_of_run_end(results, cell))
         for cell in np.ndindex(succeeded.shape)
     ]
-    echo(f"{int(np.nansum(succeeded))} of {succeeded.size} runs succeeded: {_by_status(results)}")
+    echo(f"{int(np.nansum(succeeded))} of {succeeded.size} runs succeeded: {_count_by_status(results)}")
     keys = results.quantities["succeeded"].dims
     print_table((*keys, "succeeded", "end [s]", "why"), rows[:MOST_ROWS], left_aligned=len(keys) + 1)
     if len(rows) > MOST_ROWS:
         echo(f"{len(rows) - MOST_ROWS} more runs in {results.path}")
 
 
-def _end_of_run(results: Results, cell: tuple[int, ...]) -> Row:
+def _texts_of_run_end(results: Results, cell: tuple[int, ...]) -> Row:
     """Write whether a run of a study succeeded, when it ended and why; nothing of one that was not run."""
     if not np.isfinite(results["end_time"][cell]):
         return "", "", str(results["reason"][cell])
@@ -262,52 +291,61 @@ def _end_of_run(results: Results, cell: tuple[int, ...]) -> Row:
     )
 
 
-def _by_status(results: Results) -> str:
+def _count_by_status(results: Results) -> str:
     """Write how many cells of a study there are of every status."""
     meanings = results.quantities["status"].meanings
     counts = [np.count_nonzero(results["status"] == code) for code in range(len(meanings))]
     return ", ".join(f"{n} {name}" for n, name in zip(counts, meanings, strict=True) if n)
 
 
-def _print_runs(cells: SweepCells, verbose: bool) -> None:
-    """Print a row for each run of a sweep, failed or not, or for some of many."""
-    first, second = cells.names
-    runs = cells.run_by_ratio
+def _print_runs_of_sweep(cells: SweepCells, verbose: bool) -> None:
+    """Print a row for each run of a sweep, failed or not; of many runs for some, evenly spread over the ratios.
+
+    The first columns are the ratio of the two priorities, or both of them if several runs have the same ratio.
+    """
+    first, second = cells.names  # of the two stages
+    runs = cells.run_by_ratio  # numbers of the cells that were run, by rising ratio
     most = MOST_ROWS if verbose else MOST_SHORT
-    apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
+    # ratios are compared as texts of 9 digits, so that rounding does not tell equal ones apart
+    shares_ratios = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), most)).round().astype(int))]
-    ends = [cells.first_switch, cells.quantity("completion_time")]
+    ends = [cells.first_switch, cells.quantity("completion_time")]  # of the first and the second stage
     thresholds = range(len(cells.epsilons)) if verbose else [cells.chosen]
-    rows = [
-        (
-            *(f"{each:.4g}" for each in (cells.omega[run] if apart else cells.ratio[run : run + 1])),
-            *(
-                number(start, 0.1 if start < cells.first_switch[run] else TIME)
-                for start in cells.quantity("actual_start")[run][thresholds]
-            ),
-            *(number(float(values[run]), TIME) for values in ends),
-            number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed",
-            *(number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")),
-            *((number(float(cells.end_error[run]), 0.01), cells.why(run)) if verbose else ()),
-        )
-        for run in kept
-    ]
-    over = ("omega_1", "omega_2") if apart else ("omega_2/omega_1",)
+    rows = []
+    for run in kept:
+        starts = cells.quantity("actual_start")[run][thresholds]
+        row = [f"{value:.4g}" for value in (cells.omega[run] if shares_ratios else [cells.ratio[run]])]
+        # an early start depends on the threshold, and is written to a tenth
+        row += [number(start, 0.1 if start < cells.first_switch[run] else TIME) for start in starts]
+        row += [number(float(values[run]), TIME) for values in ends]
+        row.append(number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed")
+        row += [number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")]
+        if verbose:
+            row += [number(float(cells.end_error[run]), 0.01), cells.why(run)]
+        rows.append(row)
+    ratio_headings = ("omega_1", "omega_2") if shares_ratios else ("omega_2/omega_1",)
     if verbose:
         echo(f"actual start of {second} [s] by threshold epsilon")
-        starts = [f"{epsilon:g}" for epsilon in cells.epsilons]
+        start_headings = [f"{epsilon:g}" for epsilon in cells.epsilons]
     else:
-        starts = [f"{second}\nstarts [s]"]
+        start_headings = [f"{second}\nstarts [s]"]
     measured = (f"{first}\nends [s]", f"{second}\nends [s]", "mission\nends [s]", "effort [m^2/s^3,\nrad^2/s^3]")
-    last = ("end error\n[tolerance]", "why") if verbose else ()
-    print_table((*over, *starts, *measured, "base force\nat most [N]", *last), rows, left_aligned=0)
+    last_headings = ("end error\n[tolerance]", "why") if verbose else ()
+    print_table(
+        (*ratio_headings, *start_headings, *measured, "base force\nat most [N]", *last_headings), rows, left_aligned=0
+    )
     if len(kept) < len(runs):
-        echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
+        echo(f"{len(kept)} of {len(runs)} {'runs' if shares_ratios else 'ratios'}")
 
 
 def print_monte_carlo(runs: MonteCarloRuns, verbose: bool) -> None:
-    """Print a Monte Carlo study, complete or not: the success rate, the spread of the runs, and the worst of them."""
-    rate, *cautions = _success(runs)
+    """Print a Monte Carlo study, complete or not: the success rate, the spread of the runs, and the worst of them.
+
+    Args:
+        runs: The results of the study, one run for each seed of the task's uncertainty.
+        verbose: Whether the quantiles of all quantities are printed, not only those of the first `MOST_SHORT`.
+    """
+    rate, *cautions = _describe_success(runs)
     echo(rate)
     for caution in cautions:
         echo(f"warning: {caution}", colour=WARNING)
@@ -334,23 +372,29 @@ def print_monte_carlo(runs: MonteCarloRuns, verbose: bool) -> None:
     echo(f"study: {runs.results.path}")
 
 
-def _success(runs: MonteCarloRuns) -> list[str]:
-    """Write how many runs succeeded, with the rate's interval and the runs by status; then how many exceeded limits."""
+def _describe_success(runs: MonteCarloRuns) -> list[str]:
+    """Write sentences on how the runs of a Monte Carlo study went.
+
+    Returns:
+        First how many of the runs that were made succeeded, the rate with its confidence interval, and the number of
+        runs by status. Then a warning for each kind of limit that runs exceeded, and one if runs touched what they were
+        to keep clear of.
+    """
     made = int(runs.made.sum())
     succeeded = int(runs.succeeded.sum())
-    states = _by_status(runs.results)
+    states = _count_by_status(runs.results)
     if not made:
         return [f"no run was made yet: {states}"]
     low, high = runs.interval
     rate = f"{100 * succeeded / made:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %"
-    parts = [f"{succeeded} of {made} runs succeeded: {rate} ({states})"]
+    sentences = [f"{succeeded} of {made} runs succeeded: {rate} ({states})"]
     for kind in ("position", "velocity"):
-        beyond = runs.exceeded(kind)
+        beyond = runs.exceeded(kind)  # by how much of the limit, by run; 0 for a run within it
         if count := np.count_nonzero(beyond):
-            parts.append(f"{count} of {made} exceeded a {kind} limit, by up to {100 * beyond.max():.2g} %")
+            sentences.append(f"{count} of {made} exceeded a {kind} limit, by up to {100 * beyond.max():.2g} %")
     if runs.keeps_clear.any() and (count := np.count_nonzero(runs["touched"] == 1)):
-        parts.append(f"{count} of {made} touched what they keep clear of")
-    return parts
+        sentences.append(f"{count} of {made} touched what they keep clear of")
+    return sentences
 
 
 def print_fronts(results: Results) -> None:
@@ -366,7 +410,13 @@ def print_fronts(results: Results) -> None:
 
 
 def print_gradients(task: Task) -> bool:
-    """Audit the gradient at every switch of a task, print it, and tell whether it agrees with both references."""
+    """Audit the gradient of the cost by every switch time of a task, and print the audit.
+
+    The adjoint's gradient is compared with algorithmic differentiation (AD) and with finite differences of the cost.
+
+    Returns:
+        Whether it agrees with both references at every switch, and the costate formula approaches it on finer meshes.
+    """
     audits = audit_gradients(build_experiment(converging(task)))
     nodes = task.spec.controller.uniform_nodes
     echo("Gradient of the cost by the switching instant")

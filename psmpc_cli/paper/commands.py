@@ -62,14 +62,18 @@ def reproduce(
         write_new(json, study.claims_json(made[SHIPPED], created, made.get(PRINTED)), force, CLAIMS, "--json")
     if as_printed and not quiet:
         echo()
-        for one in made.values():
-            echo(f"{one.task}: {one.outcome}")
-    if strict and any(one.failing for one in made.values()):
+        for reproduction in made.values():
+            echo(f"{reproduction.task}: {reproduction.outcome}")
+    if strict and any(reproduction.failing for reproduction in made.values()):
         raise typer.Exit(1)
 
 
 def print_claims(made: "Reproduction") -> None:
-    """Print how many claims hold, every claim, and why some do not hold or are earlier than published."""
+    """Print how many claims of the paper hold, and every claim with its finding.
+
+    Claims that are counted come first, then, with the reason, those that stand apart. Causes follow for claims that do
+    not hold or times that are earlier than published, the recommended weights, and what ablations measured.
+    """
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.paper.claims import APART, HEADINGS
     from psmpc_cli.studies.sweep import recommend

@@ -73,7 +73,9 @@ CONTROLLER_AS_PRINTED = tuple(change for departure in DEPARTURES[: len(AS_PRINTE
 
 
 def load_variant(base: str, departure: Departure | None, changes: tuple[str, ...] = ()) -> Task:
-    """Load one of the two tasks with one departure as it is in the other one.
+    """Load one of the two transport tasks with one departure from the paper as it is in the other task.
+
+    The shipped task has all departures, the printed one none. Runs of such a task show what one departure changes.
 
     Args:
         base: `SHIPPED` or `PRINTED`.
@@ -81,9 +83,10 @@ def load_variant(base: str, departure: Departure | None, changes: tuple[str, ...
         changes: Further changes, of keys that are no departures.
     """
     if base == PRINTED:
-        own = ("controller.as_printed=false", *CONTROLLER_AS_PRINTED)  # so that each of them can be switched
+        # one key sets all of the controller's departures; written out, each of them can be switched
+        written_out = ("controller.as_printed=false", *CONTROLLER_AS_PRINTED)
         switched = () if departure is None else departure.shipped
     else:
-        own = ()
+        written_out = ()
         switched = () if departure is None else departure.printed
-    return load_task(built_ins("task")[base], (*own, *switched, *changes))
+    return load_task(built_ins("task")[base], (*written_out, *switched, *changes))

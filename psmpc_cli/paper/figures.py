@@ -59,15 +59,17 @@ NAMES: Mapping[str, str] = {
 """Runs and forms as the legends have them; other labels stand for themselves."""
 
 
-def waits(run: Run) -> bool:
+def has_waiting_stage(run: Run) -> bool:
     """Tell whether a stage ever waits in a run while another one is on."""
     return bool(np.isfinite(run["window/presence"]).any())
 
 
 def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
-    """Plot how much of each waiting stage is in the control, by the task's `onset`, its threshold, and where it starts.
+    """Plot the presence of each waiting stage over time, with the threshold from which on it counts as started.
 
-    Paper sections III-E and IV-B.
+    A stage waits while it is in the window behind the current one. Its presence is how much it acts on the control by
+    then, measured as the task's `onset` says. Marks on the threshold are the published starts. Paper sections III-E and
+    IV-B.
 
     Args:
         run: The run, in which a stage waits.
@@ -81,9 +83,9 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
     onset = run.task.spec.onset
     scale = PRESENCE[onset.kind]
     for stage in waiting:
-        which = np.isfinite(presence[:, stage])
-        values = np.maximum(presence[which, stage], scale.smallest)
-        axes.plot(time[which], values, gid=run.stage_names[stage], label="_", **style.line_look(stage))
+        is_waiting = np.isfinite(presence[:, stage])
+        values = np.maximum(presence[is_waiting, stage], scale.smallest)
+        axes.plot(time[is_waiting], values, gid=run.stage_names[stage], label="_", **style.line_look(stage))
     axes.axhline(onset.epsilon, label="_threshold", **style.LEVEL)
     for start in published.values():
         axes.plot(start, onset.epsilon, **style.look("published start"))
@@ -95,9 +97,10 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
 
 
 def plot_monitors(run: Run) -> Figure:
-    """Plot the signal of every monitor over time, its bounds while they count, and where it broke.
+    """Plot for every monitor of the task the quantity that it judges, over time.
 
-    The task has a monitor.
+    A monitor is a bound on a distance or speed during one stage. The bound is drawn over that stage, and a mark where
+    the quantity first left it. The task needs at least one monitor.
     """
     monitors = run.task.spec.monitors
     figure, grid = timeline(run, len(monitors), 1.6)
@@ -108,6 +111,7 @@ def plot_monitors(run: Run) -> Figure:
         values = signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
         during = run["window/first"] == run.stage_names.index(monitor.during)
+        # bounds may be relative to the value at the beginning of the stage
         for bound, _ in monitor_bounds(monitor, float(values[during][0])) if during.any() else ():
             axes.plot(time[during][[0, -1]], [bound, bound], **style.look("bound"))
         if np.isfinite(verdict.broken_at):
@@ -149,18 +153,23 @@ def _draw_schedule(axes: Axes, schedules: Mapping[str, Sequence[Span]], latest: 
 
 
 def plot_pending_cost(panels: Panels) -> Figure:
-    """Plot how far ahead the planned switch time is [s], the control's variation, and J over the instant [s].
+    """Plot what the pending cost changes: the figure of the ablation `pending_cost`, in four rows.
 
-    J is over its value at the earliest instant that can be met, the other variables optimized; circles are its minima,
-    triangles what the free optimizer returns.
+    (a) how far ahead the planned switch time is over a run [s], (b) the variation of the joints' control, and (c), (d)
+    the cost J of single windows over their switch time, as printed and with the pending cost. J is over its value at
+    the earliest feasible switch time. Circles are its minima, triangles what the free optimizer returns.
+
+    Args:
+        panels: Curves by panel and label, as `run_ablations` computes them.
     """
     labels = [*OVER_TIME, "$J$, δ = 0\n(relative)", "$J$, ours\n(relative)"]
     heights = [HEIGHT] * 4
-    figure, (ahead, variation, printed, ours) = style.stack(labels, heights, "Switch time $t_s$ after $T_0$ (s)", False)
+    x_label = "Switch time $t_s$ after $T_0$ (s)"
+    figure, (ahead, variation, printed, ours) = style.stack(labels, heights, x_label, False)
     _plot_over_time(ahead, variation, panels, "ab")
     ours.sharex(printed)
     for axes, form in ((printed, "printed"), (ours, "ours")):
-        _plot_scan(axes, panels, form, end=float(panels["instant"][HORIZON][1][0]))
+        _plot_cost_over_switch_time(axes, panels, form, end=float(panels["instant"][HORIZON][1][0]))
     style.panel_legend(printed, "(c)")
     ours.set_title("(d)")  # the same legend
     printed.tick_params(labelbottom=False)
@@ -168,15 +177,21 @@ def plot_pending_cost(panels: Panels) -> Figure:
 
 
 def plot_normalization(panels: Panels) -> Figure:
-    """Plot the stages of each run [s], how far ahead the planned switch time is [s], and the control's variation.
+    """Plot what the normalization of costs changes: the figure of the ablation `normalization`, in three rows.
 
-    The starts and ends of stages are infinite or NaN if a run has none.
+    (a) the stages of each run as bars, (b) how far ahead the planned switch time is [s], and (c) the variation of the
+    joints' control, on a logarithmic axis.
+
+    Args:
+        panels: Curves by panel and label, as `run_ablations` computes them. Those of `stages` are the starts and ends
+            of the stages of a run, infinite or NaN where there is none; such stages are not drawn.
     """
     heights = [0.35 * len(panels["stages"]), HEIGHT, HEIGHT]
     figure, (stages, ahead, variation) = style.stack(["", *OVER_TIME], heights, "Time (s)", False)
     spans = {
         NAMES.get(label, label): [
             Span(index, str(index + 1), begin, end, start if start < begin else None)
+            # a stage begins where the one before it ends, and has started early if `start` is before that
             for index, (start, begin, end) in enumerate(zip(starts, np.r_[0.0, ends[:-1]], ends, strict=True))
             if np.isfinite([begin, end]).all()
         ]
@@ -195,9 +210,14 @@ def plot_normalization(panels: Panels) -> Figure:
 
 
 def plot_discretization(panels: Panels) -> Figure:
-    """Plot over N_s the prediction's error [m, rad], the miss at the switch [tolerances] and the run's end [s].
+    """Plot what the discretization changes: the figure of the ablation `discretization`, over N_s, in three rows.
 
-    A form whose prediction has no error to speak of is named above its panel.
+    (a) the error of predicted coordinates [m, rad], (b) by how much the end condition is missed at the switch
+    [tolerances], and (c) when the run ends [s]. A discretization whose errors are all below `EXACT` has no curve on the
+    logarithmic axis of (a), and is named above it.
+
+    Args:
+        panels: Curves by panel and label, as `run_ablations` computes them.
     """
     labels = ["Prediction error\n(m, rad)", "Miss at $t_s$\n(tolerances)", "End of\nthe run (s)"]
     figure, rows = style.stack(labels, [HEIGHT] * 3, "Intervals of a stage, $N_s$ (1)")
@@ -247,20 +267,27 @@ def _plot_over_time(above: Axes, below: Axes, panels: Panels, letters: str) -> N
     style.panel_legend(below, f"({letters[1]})")
 
 
-def _plot_scan(axes: Axes, panels: Panels, form: str, end: float) -> None:
-    """Plot J over the instant for each ratio of priorities, its minima, and what the optimizer returns."""
+def _plot_cost_over_switch_time(axes: Axes, panels: Panels, form: str, end: float) -> None:
+    """Plot the cost J over the switch time for each ratio of priorities, its minima, and what the optimizer returns.
+
+    Args:
+        axes: Where it is drawn.
+        panels: The panels `J`, `minima` and `found` of each form, with points by ratio.
+        form: Form of the objective, `printed` or `ours`.
+        end: The horizon [s], where a line is drawn.
+    """
     curves, minima, found = (panels[f"{what}, {form}"] for what in ("J", "minima", "found"))
     earliest = min(float(switch_times[0]) for switch_times, _ in curves.values())
     axes.axvspan(0.0, earliest, facecolor="#DDDDDD", edgecolor="none", zorder=0)
     axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), ha="center")
     axes.axvline(end, **style.LEVEL)
     marks: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "markersize": 4.5}
-    for i, (label, curve) in enumerate(curves.items(), start=2):
+    for i, (label, curve) in enumerate(curves.items(), start=2):  # the first two colours are those of the runs
         axes.plot(*curve, label=label, **style.line_look(i))
         for marker, points in (("o", minima[label]), ("v", found[label])):
             axes.plot(*points, marker=marker, color=style.PALETTE[i], clip_on=False, zorder=4, **marks)
     for marker, name in (("o", "minimum"), ("v", "returned")):
-        axes.plot([], [], marker=marker, color="white", label=name, **marks)
+        axes.plot([], [], marker=marker, color="white", label=name, **marks)  # for the legend alone
     axes.set_xlim(0.0, 1.01 * end)
     axes.margins(y=0.12)
     axes.set_ylim(bottom=0.0)

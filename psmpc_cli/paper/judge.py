@@ -117,12 +117,12 @@ def judge(claim: Claim, reproduction: Reproduction) -> Finding:
         return finding._replace(cause=tuple(CAUSES[claim.rule](finding, reproduction)))
     cells = reproduction.weights
     if claim.group == "weights" and not cells.ended.any():
-        return Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *_reasons(cells)))
+        return Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *_reasons_of_failed_cells(cells)))
     finding = RULES[claim.rule](claim, reproduction)
     return finding._replace(cause=()) if finding.holds else finding
 
 
-def _setting(claim: Claim, reproduction: Reproduction) -> Finding:
+def _judge_setting(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that all runs have the setting."""
     values = {getattr(run.task.spec.controller, claim.reads[0]) for run in reproduction.runs.values()}
     set_values = sorted(np.nan if value == "auto" else float(value) for value in values)
@@ -130,32 +130,39 @@ def _setting(claim: Claim, reproduction: Reproduction) -> Finding:
     return Finding(claim, reproduced, set_values == [claim.number], reproduced - claim.number)
 
 
-def _reasons(cells: SweepCells) -> list[str]:
+def _reasons_of_failed_cells(cells: SweepCells) -> list[str]:
     """Return why cells of a sweep failed, each reason once."""
     return sorted({str(reason) for reason in cells.quantity("reason")[cells.failed]})
 
 
-def _unfinished(cells: SweepCells) -> list[str]:
-    """Return what there is to say of cells that did not end: nothing is known of a claim on all cells there."""
+def _causes_by_unfinished_cells(cells: SweepCells) -> list[str]:
+    """Return at which ratios cells did not end, and why cells failed; empty if all ended.
+
+    A claim on all cells does not hold then, since nothing is known of it there.
+    """
     missing = ", ".join(dict.fromkeys(f"{ratio:.4g}" for ratio in np.sort(cells.ratio[~cells.ended])))
-    return [f"no cell ended at ratio {missing}", *_reasons(cells)] if missing else []
+    return [f"no cell ended at ratio {missing}", *_reasons_of_failed_cells(cells)] if missing else []
 
 
-def _weights_floor(claim: Claim, reproduction: Reproduction) -> Finding:
-    """Check that all cells ended, and no actual start, for any threshold, is more than a sample before t_s - T_h."""
+def _judge_earliest_starts(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that no actual start, for any threshold, is more than a sample before t_s - T_h, and that all cells ended.
+
+    Before t_s - T_h, the end t_s of the first stage less the horizon T_h, the second stage is in no window.
+    """
     cells = reproduction.weights
+    # by cell and threshold, how long after t_s - T_h a start is; infinite in cells that did not end
     slacks = np.where(cells.ended[:, None], cells.quantity("actual_start") - cells.earliest_start[:, None], np.inf)
     cell, k = np.unravel_index(np.argmin(slacks), slacks.shape)
     slack = float(slacks[cell, k])
     finding = not_below(claim, slack, cells.task.spec.controller.sample_time)
-    cause = _unfinished(cells)
+    cause = _causes_by_unfinished_cells(cells)
     if not finding.holds:
         where = f"at ratio {cells.ratio[cell]:.4g} and epsilon = {cells.epsilons[k]:g} {cells.names[1]}"
-        cause.insert(0, _below(where, slack))
+        cause.insert(0, _describe_too_early_start(where, slack))
     return finding._replace(holds=not cause, cause=tuple(cause))
 
 
-def _delivered(claim: Claim, reproduction: Reproduction) -> Finding:
+def _judge_deliveries(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that, by the mechanics of a grasped body, the runs deliver the object or do not, as published.
 
     An object that was never taken, or that is still held, is neither.
@@ -167,8 +174,13 @@ def _delivered(claim: Claim, reproduction: Reproduction) -> Finding:
 
 
 def _object_outcome(summary: Summary) -> tuple[str, str]:
-    """Return whether a grasped object was delivered, not delivered, or not let go at all, and what became of it."""
-    verdicts = {one.name: one for one in summary.monitors}
+    """Return what became of a grasped object in a run, from the verdicts of its summary.
+
+    Returns:
+        The outcome, by which claims are judged: delivered, not delivered, not taken, or still held; and a text that
+        says more of it, for the table of claims.
+    """
+    verdicts = {verdict.name: verdict for verdict in summary.monitors}
     capture = summary.capture
     taken = verdicts[ObjectCheck.TAKEN]
     kept = verdicts[ObjectCheck.NOT_LOST]
@@ -184,63 +196,81 @@ def _object_outcome(summary: Summary) -> tuple[str, str]:
     return "not delivered", f"let go {100 * capture.distance:.1f} cm off at {capture.speed:.2f} m/s"
 
 
-def _trend(claim: Claim, reproduction: Reproduction) -> Finding:
-    """Check that for every threshold no larger ratio starts more than a sample later, and the largest starts early.
+def _judge_trend_of_starts(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check the claim that a larger ratio of priorities makes the second stage start earlier.
 
-    All cells have to have ended.
+    For every threshold epsilon of the actual start, no larger ratio may start more than a sample later than a smaller
+    one, and the largest has to start more than a sample earlier than the smallest. All cells, the runs of the sweep
+    over ratios, have to have ended.
     """
     cells = reproduction.weights
     sample = cells.task.spec.controller.sample_time
-    cause = _unfinished(cells)
+    cause = _causes_by_unfinished_cells(cells)
     rises = []
     shown = []
     for epsilon, values in zip(cells.epsilons, cells.quantity("actual_start").T, strict=True):
-        start = AlongRatio(cells, values)
+        start = AlongRatio(cells, values)  # the lowest, middle and highest start at each ratio, from the smallest on
         rise = float(np.max(start.highest - np.minimum.accumulate(start.lowest)))
         first, last = start.middle[[0, -1]]
         rises.append(rise)
         shown.append(f"{first:.2f} s to {last:.2f} s")
         if rise > sample + ROUNDING or first - last <= sample + ROUNDING:
             cause.append(f"for epsilon = {epsilon:g} from {shown[-1]}, by up to {rise:.2f} s later at a larger ratio")
-    return Finding(claim, shown[cells.chosen], not cause, max(rises), sample, cause=tuple(cause))
+    return Finding(
+        claim,
+        reproduced=shown[cells.chosen],  # at the threshold of the task
+        holds=not cause,
+        difference=max(rises),
+        tolerance=sample,
+        cause=tuple(cause),
+    )
 
 
-def _settles(claim: Claim, reproduction: Reproduction) -> Finding:
+def _judge_start_at_largest_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that the actual start at the largest ratio is within the tolerance of published times."""
     cells = reproduction.weights
     tolerance = time_tolerance(claim.number)
     start = AlongRatio(cells, cells.quantity("actual_start")[:, cells.chosen])
-    if not _has_ratio(start, cells.ratio.max()):
-        return Finding(claim, np.nan, False, np.nan, tolerance, cause=tuple(_unfinished(cells)))
+    if not _has_ended_cell_at(start, cells.ratio.max()):
+        cause = tuple(_causes_by_unfinished_cells(cells))
+        return Finding(claim, reproduced=np.nan, holds=False, tolerance=tolerance, cause=cause)
     last = float(start.middle[-1])
     difference = last - claim.number
-    cause = f"t_s - T_h = {float(np.median(cells.earliest_start[cells.ended])):.2f} s, and no start can be before it"
-    return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=(cause,))
+    holds = abs(difference) <= tolerance + ROUNDING
+    earliest = float(np.median(cells.earliest_start[cells.ended]))
+    cause = (f"t_s - T_h = {earliest:.2f} s, and no start can be before it",)
+    return Finding(claim, last, holds, difference, tolerance, cause=cause)
 
 
-def _has_ratio(along: AlongRatio, ratio: float) -> bool:
+def _has_ended_cell_at(along: AlongRatio, ratio: float) -> bool:
     """Tell whether a cell of a ratio of the weights ended."""
     return bool(np.isclose(along.ratio, ratio, rtol=SAME_RATIO, atol=0.0).any())
 
 
-def _chosen(claim: Claim, reproduction: Reproduction) -> Finding:
-    """Check that Capture completes earlier at the ratio than at 1, with less effort than at the largest ratio."""
+def _judge_chosen_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check the claim that a ratio of priorities is a good choice.
+
+    At the ratio of the claim Capture has to complete earlier than at ratio 1, with less effort than at the largest
+    ratio of the sweep. Where several cells have the same ratio, the claim has to hold between all of them.
+    """
     cells = reproduction.weights
+    # the claim reads weights.completion_time and weights.control_effort, quantities of the sweep over the weights
     completion, effort = (AlongRatio(cells, cells.quantity(name.partition(".")[2])) for name in claim.reads)
     compared = (claim.ratio, 1.0, float(cells.ratio.max()))
-    missing = [f"no cell ended at ratio {ratio:.4g}" for ratio in compared if not _has_ratio(completion, ratio)]
+    missing = [f"no cell ended at ratio {ratio:.4g}" for ratio in compared if not _has_ended_cell_at(completion, ratio)]
     if missing:
-        return Finding(claim, "unknown", False, cause=(*missing, *_reasons(cells)))
+        return Finding(claim, "unknown", False, cause=(*missing, *_reasons_of_failed_cells(cells)))
+    # indices of the ratios that are compared; that of the largest is the last one
     there, equal, _ = (int(np.argmin(np.abs(np.log(completion.ratio / ratio)))) for ratio in compared)
     reproduced = (
         f"{completion.middle[there]:.2f} s, {completion.middle[equal]:.2f} s at 1; "
         f"effort {effort.middle[there]:.3g}, {effort.middle[-1]:.3g} at {completion.ratio[-1]:.4g}"
     )
-    sooner = completion.highest[there] < completion.lowest[equal] - ROUNDING
-    return Finding(claim, reproduced, bool(sooner and effort.highest[there] < effort.lowest[-1]))
+    is_sooner = completion.highest[there] < completion.lowest[equal] - ROUNDING
+    return Finding(claim, reproduced, bool(is_sooner and effort.highest[there] < effort.lowest[-1]))
 
 
-def _along_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
+def _judge_fronts_along_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that at every sample the optimum moves to the upper left as the ratio grows, and back by rounding alone."""
     movement = reproduction.movement
     if movement is None:
@@ -255,7 +285,7 @@ def _along_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
     )
 
 
-def _along_time(claim: Claim, reproduction: Reproduction) -> Finding:
+def _judge_fronts_along_time(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that in normalized costs the mean of the front moves to the upper left from every sample to the next."""
     movement = reproduction.movement
     if movement is None or len(movement.instants) < 2:
@@ -269,14 +299,14 @@ SAME_RATIO = 1e-6
 """Ratios of weights that differ by a smaller part are the same."""
 
 RULES: Mapping[str, Callable[[Claim, Reproduction], Finding]] = {
-    "setting": _setting,
-    "delivered": _delivered,
-    "trend": _trend,
-    "weights_floor": _weights_floor,
-    "settles": _settles,
-    "chosen": _chosen,
-    "along_ratio": _along_ratio,
-    "along_time": _along_time,
+    "setting": _judge_setting,
+    "delivered": _judge_deliveries,
+    "trend": _judge_trend_of_starts,
+    "weights_floor": _judge_earliest_starts,
+    "settles": _judge_start_at_largest_ratio,
+    "chosen": _judge_chosen_ratio,
+    "along_ratio": _judge_fronts_along_ratio,
+    "along_time": _judge_fronts_along_time,
 }
 """The rules on settings and studies by the names that claims.yaml has for them; those on runs: `MISSION_RULES`."""
 
@@ -292,8 +322,13 @@ def mission_end(summary: Summary) -> tuple[str, ...]:
     return tuple(filter(None, (summary.reason, ", ".join(monitors))))
 
 
-def _why_time(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
-    """Yield the causes of a difference from a published time."""
+def _causes_of_another_time(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
+    """Yield sentences on why a measured time differs from the published one, for the report of a reproduction.
+
+    The time is the end or the actual start of one stage. What may explain it is that the stage did not end, that an
+    earlier time let the mission fail, how far the stage was from its target at the published time, and how early its
+    velocity limits let it end.
+    """
     published = finding.claim.number
     (stage_time,) = stage_times(finding.claim, reproduction.missions)
     if np.isnan(stage_time.time):
@@ -310,14 +345,15 @@ def _why_time(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
         return
     if late:
         Q = [np.interp(published, run.motion.time, row) for row in run.motion.Q_seen.T]
-        error = run.problem.costs.end_error(run.problem.stages[stage_time.index], np.r_[Q, np.zeros(len(Q))])
+        at_rest = np.r_[Q, np.zeros(len(Q))]  # only the pose is judged, so velocities are left out
+        error = run.problem.costs.end_error(run.problem.stages[stage_time.index], at_rest)
         yield f"at {published:g} s {stage_time.name} was still {error:.1f} tolerances away"
     earliest, _ = earliest_ends(run.task, run.problem.stages)[stage_time.index]
     if published < earliest:
         yield f"within its velocity limits {stage_time.name} cannot end before {earliest:.2f} s"
 
 
-def _why_starts(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
+def _causes_by_starts(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
     """Yield when the stages that a claim reads start, or why they do not or do not end."""
     for start in stage_times(finding.claim, reproduction.missions):
         if np.isfinite(start.time):
@@ -326,24 +362,24 @@ def _why_starts(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
             yield _explain_missing(start, reproduction)
 
 
-def _why_not_early(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
+def _causes_of_late_starts(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
     """Yield when the stages that do not start early start."""
     for start in stage_times(finding.claim, reproduction.missions):
         if not start.is_early:
             yield _explain_start(start, reproduction)
 
 
-def _why_floor(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
+def _causes_of_too_early_starts(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
     """Yield which stage starts too long before the one before it ends, and which do not end."""
     for start in stage_times(finding.claim, reproduction.missions):
         slack = start.time - (start.ended - start.mission.horizon)
         if slack < -start.mission.sample_time - ROUNDING:
-            yield _below(start.name, slack)
+            yield _describe_too_early_start(start.name, slack)
         if not start.has_ended:
             yield _explain_missing(start, reproduction)
 
 
-def _why_order(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
+def _causes_by_failed_runs(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
     """Yield how runs ended that are to succeed and did not."""
     for method in to_succeed(finding.claim):
         summary = reproduction.summaries[method]
@@ -351,20 +387,20 @@ def _why_order(finding: Finding, reproduction: Reproduction) -> Iterator[str]:
             yield f"the mission of {method} failed: {'; '.join(mission_end(summary))}"
 
 
-def _why_mission(finding: Finding, reproduction: Reproduction) -> Iterable[str]:
+def _causes_by_mission_end(finding: Finding, reproduction: Reproduction) -> Iterable[str]:
     """Return how the mission ended."""
     return mission_end(reproduction.summaries[finding.claim.reads[0]])
 
 
 CAUSES: Mapping[str, Callable[[Finding, Reproduction], Iterable[str]]] = {
-    "time": _why_time,
-    "on_time": _why_starts,
-    "once_seen": _why_starts,
-    "floor": _why_floor,
-    "all_early": _why_not_early,
-    "order": _why_order,
-    "mission": _why_mission,
-    "released_early": _why_starts,
+    "time": _causes_of_another_time,
+    "on_time": _causes_by_starts,
+    "once_seen": _causes_by_starts,
+    "floor": _causes_of_too_early_starts,
+    "all_early": _causes_of_late_starts,
+    "order": _causes_by_failed_runs,
+    "mission": _causes_by_mission_end,
+    "released_early": _causes_by_starts,
 }
 """What is computed of why a claim on runs does not hold, by its rule."""
 
@@ -384,6 +420,6 @@ def _explain_start(start: StageTime, reproduction: Reproduction) -> str:
     return f"{when}; by its {run.task.spec.onset.kind} it starts at {by_epsilon}"
 
 
-def _below(what: str, slack: float) -> str:
+def _describe_too_early_start(what: str, slack: float) -> str:
     """Describe a start that lies before the instant before which none may lie, by its difference from it [s]."""
     return f"{what} starts {-slack:.2f} s before t_s - T_h"

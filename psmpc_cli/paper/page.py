@@ -1,4 +1,4 @@
-"""The page of a reproduction: the claims with their findings, the figures, and how it was reproduction."""
+"""The page of a reproduction: the claims with their findings, the figures, and how it was reproduced."""
 
 import platform
 import shlex
@@ -13,7 +13,7 @@ from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.snapshots import plot_snapshots
 from psmpc_cli.paper import claims, judge, missions
 from psmpc_cli.paper.departures import PRINTED
-from psmpc_cli.paper.figures import ABLATIONS, plot_monitors, plot_presence, plot_schedule, waits
+from psmpc_cli.paper.figures import ABLATIONS, has_waiting_stage, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.pages import Draw, Page, render, versions_of
 from psmpc_cli.studies import fronts
@@ -21,7 +21,15 @@ from psmpc_cli.studies.sweep import recommend
 
 
 def report_reproduction(reproduction: Reproduction, created: str) -> Page:
-    """Report a reproduction on one page; `created` is its time in ISO 8601."""
+    """Build the HTML page of a reproduction: claims with their findings, figures, and the command that repeats it.
+
+    Args:
+        reproduction: What was run for the claims, and their findings.
+        created: When, in ISO 8601.
+
+    Returns:
+        The page, which is drawn and written by its method `save`.
+    """
     options = [word for change in reproduction.changes for word in ("--set", change)]
     options += ["--weights", str(reproduction.weights.results.attributes["sampling"])]
     options += [] if reproduction.fronts is None else ["--fronts", str(len(reproduction.fronts["ratio"]))]
@@ -31,14 +39,16 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
         "reproduction.html.j2",
         layer="paper",
         reproduction=reproduction,
-        groups={name: list(group) for name, group in groupby(reproduction.part(None), lambda one: one.claim.group)},
+        groups={
+            name: list(group) for name, group in groupby(reproduction.part(None), lambda finding: finding.claim.group)
+        },
         apart=claims.APART,
         headings=[heading for heading in claims.HEADINGS if heading != "searched"],  # it stands below the claim
         judge=judge,
         tolerances=missions,
         study=fronts,
         recommended=recommend(reproduction.weights).sentence,
-        figures=dict(_figures(reproduction)),
+        figures=dict(_figures_by_name(reproduction)),
         command=shlex.join(["psmpc", "reproduce", *options]),
         created=created,
         versions=f"{versions_of(first)}, Python {platform.python_version()}",
@@ -46,26 +56,29 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
     )
 
 
-def _figures(reproduction: Reproduction) -> Iterator[tuple[str, Draw]]:
-    """Yield the functions that draw the figures, by the names that the template has for them."""
-    ends = {}
+def _figures_by_name(reproduction: Reproduction) -> Iterator[tuple[str, Draw]]:
+    """Yield names and functions of the figures of a reproduction; the page's template asks for them by these names.
+
+    Figures are left out for which nothing was measured, such as that of waiting stages of a method that has none.
+    """
+    published_ends = {}
     cells = reproduction.weights
     for method, run in reproduction.runs.items():
-        ends[method] = reproduction.published(method, starts=False)
+        published_ends[method] = reproduction.published(method, starts=False)
         yield f"{method} times", partial(plot_states, run)
-        if waits(run):
+        if has_waiting_stage(run):
             yield f"{method} starts", partial(plot_presence, run, reproduction.published(method, starts=True))
         if run.task.spec.monitors:
             yield f"{method} mission", partial(plot_monitors, run)
-    yield "schedule", partial(plot_schedule, reproduction.runs, ends)
+    yield "schedule", partial(plot_schedule, reproduction.runs, published_ends)
     yield "instants", partial(plot_instants, reproduction.runs)
     yield "snapshots", partial(plot_snapshots, reproduction.runs)
     for name, make in figures_of("sweep", cells).items() if cells.ended.any() else ():
         yield f"sweep {name}", partial(make, cells)
-    found = reproduction.fronts
-    if found is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(found)):
-        yield "fronts", partial(plot_fronts, found)
+    results = reproduction.fronts
+    if results is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(results)):
+        yield "fronts", partial(plot_fronts, results)
     for method, run in reproduction.grasps.items():
         yield f"{method} grasps", partial(plot_grasps, run)
-    for one in reproduction.ablations:
-        yield f"ablation_{one.name}", partial(ABLATIONS[one.name], one.panels)
+    for ablation in reproduction.ablations:
+        yield f"ablation_{ablation.name}", partial(ABLATIONS[ablation.name], ablation.panels)

@@ -84,7 +84,10 @@ def reproduce(
     watch: Watch = lambda progress: None,
     task: str = SHIPPED,
 ) -> Reproduction:
-    """Run the task under every method, the sweep over the weights, the Pareto fronts, the grasps, and the ablations.
+    """Run all that the claims of the paper are judged by, and write its logs and results.
+
+    These are the task under every method, the sweep over the weights, the Pareto fronts of the PSMPC run, the task with
+    grasps, and if asked for the ablations. Claims are judged when they are first read from what is returned.
 
     Args:
         directory: Where logs and results go.
@@ -106,7 +109,7 @@ def reproduce(
     steps = 5 if ablations else 4
 
     def step(number: int, name: str) -> Watch:
-        """Return what watches a step."""
+        """Return a watcher that gives the progress of a step its number and name."""
         return lambda progress: watch(replace(progress, title=f"step {number} of {steps}, {name}"))
 
     variants = load_variants(changes, task)
@@ -125,7 +128,7 @@ def reproduce(
     if force:  # those of an earlier reproduction, which this one may not have
         check_output(path, force)
         path.unlink(missing_ok=True)
-    if len(possible_samples(runs["psmpc"], (0, 1))):
+    if len(possible_samples(runs["psmpc"], (0, 1))):  # some window holds the first two stages alone
         settings = ParetoSettings("1,2", (), points, "weighted-sum", free=False)
         fronts = solve_pareto(runs["psmpc"], settings, path, jobs, force, step(3, "fronts"))
     held = run_tasks(grasps, directory / GRASPS, jobs, force, step(4, "grasps"))
@@ -136,7 +139,14 @@ def reproduce(
 
 
 def load_variants(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str, Task]:
-    """Return the tasks to run, by method: those of `SHIPPED` or `PRINTED`.
+    """Load the transport task for every method that the paper compares, as the claims on missions need it.
+
+    Args:
+        changes: Keys of the task to change, each `path=value`.
+        task: `SHIPPED` or `PRINTED`.
+
+    Returns:
+        The tasks by method, `htmpc`, `smpc` and `psmpc`. They log actual starts also for `FURTHER_THRESHOLDS`.
 
     Raises:
         InputError: The changes choose a controller or other stages, or that no plans are logged, from which the fronts
@@ -158,11 +168,14 @@ def load_variants(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str,
 
 
 def load_weights_sweep(changes: Sequence[str], grid: str, own: Sequence[str] = (), task: str = SHIPPED) -> Study:
-    """Return the sweep over the weights, with those changes of the task that apply to it as well.
+    """Build the sweep over the weights of Approach and Capture, for the claims on priorities.
+
+    It sweeps another task than the judged one, with the first two of its stages. So those changes of the judged task
+    that concern both apply to it as well.
 
     Args:
-        changes: Keys of the task to change.
-        grid: Points of the weights.
+        changes: Keys of the judged task that are changed.
+        grid: Points of the weights, such as 7x7, from 1e-3 to 1e3 each.
         own: Keys of the swept task to change.
         task: The judged task, `SHIPPED` or `PRINTED`.
 
@@ -170,7 +183,11 @@ def load_weights_sweep(changes: Sequence[str], grid: str, own: Sequence[str] = (
         InputError: The grid is none.
         SpecError: The changes do not fit the swept task.
     """
-    all_changes = (*_shared_changes(_printed(task), OF_FIRST_STAGES), *_shared_changes(changes, SHARED_KEYS), *own)
+    all_changes = (
+        *_shared_changes(_changes_as_printed(task), OF_FIRST_STAGES),
+        *_shared_changes(changes, SHARED_KEYS),
+        *own,
+    )
     swept = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), all_changes, ())
     return weight_study(swept, parse_stages("1,2", swept), parse_sampling(grid, (1e-3, 1e3)))
 
@@ -181,12 +198,12 @@ def load_grasps(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str, T
     Raises:
         SpecError: The changes do not fit the task.
     """
-    shared = _shared_changes((*_printed(task), *changes), SHARED_KEYS[:2])
+    shared = _shared_changes((*_changes_as_printed(task), *changes), SHARED_KEYS[:2])
     loaded = load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *shared))
     return compared_tasks(loaded, ("smpc", "psmpc"), own_settings=True)
 
 
-def _printed(task: str) -> list[str]:
+def _changes_as_printed(task: str) -> list[str]:
     """Return what makes other tasks as printed where the judged one is; nothing where that is the shipped one."""
     return [*(change for departure in DEPARTURES for change in departure.printed), ONE_GUESS] if task == PRINTED else []
 
@@ -209,13 +226,16 @@ def claims_json(reproduction: Reproduction, created: str, printed: Reproduction 
         created: When, in ISO 8601.
         printed: Of the task as printed, if it was run.
     """
-    data = _claims_data(reproduction, created)
-    data["as_printed"] = None if printed is None else _claims_data(printed, created)
+    data = _table_of_claims(reproduction, created)
+    data["as_printed"] = None if printed is None else _table_of_claims(printed, created)
     return to_json(data, indent=2, inf_nan_mode="null") + b"\n"
 
 
-def _claims_data(reproduction: Reproduction, created: str) -> dict[str, object]:
-    """Return the claim table of one task."""
+def _table_of_claims(reproduction: Reproduction, created: str) -> dict[str, object]:
+    """Return the claims on one task with what they were judged by, in the form of the JSON file. Keys: docs/claims.md.
+
+    The digests identify the tasks of all runs: equal digests mean the same task and robot.
+    """
     cells = reproduction.weights
     fronts = reproduction.fronts
     best = recommend(reproduction.weights).ratio
@@ -243,14 +263,14 @@ def _claims_data(reproduction: Reproduction, created: str) -> dict[str, object]:
             "method": str(fronts.attributes["method"]),
             "samples": front_rows(fronts),
         },
-        "claims": [_claim_data(finding) for finding in reproduction.findings],
-        "ablations": [{"name": one.name, "numbers": one.numbers} for one in reproduction.ablations],
+        "claims": [_entry_of_claim(finding) for finding in reproduction.findings],
+        "ablations": [{"name": ablation.name, "numbers": ablation.numbers} for ablation in reproduction.ablations],
         "held": held,
         "failed": count - held,
     }
 
 
-def _claim_data(finding: Finding) -> dict[str, object]:
+def _entry_of_claim(finding: Finding) -> dict[str, object]:
     measured = {name: value for name, value in finding._asdict().items() if name != "claim"}
     about = finding.claim.model_dump(include={"id", "statement", "source", "unit", "apart", "published", "searched"})
     return {**about, "unit": about["unit"] or None, **measured, "cause": "; ".join(finding.cause) or None}

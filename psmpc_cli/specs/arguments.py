@@ -18,7 +18,7 @@ from psmpc_cli.specs.document import counted, quoted, shortened
 
 def rejected(name: str, value: object, wanted: str) -> InputError:
     """Create the error of an argument that is not what was wanted."""
-    return InputError(f"{name}: found {_described(value)}, expected {wanted}")
+    return InputError(f"{name}: found {_describe_argument(value)}, expected {wanted}")
 
 
 def require(name: str, value: object, kinds: type | tuple[type, ...], wanted: str) -> None:
@@ -71,7 +71,17 @@ def require_options(
     resume: bool = False,
     dask: str | None = None,
 ) -> Path | None:
-    """Make sure that what every study is given besides its cells is right, and return the path of its file.
+    """Check the arguments that every function that runs a study takes, before it starts processes.
+
+    Args:
+        path: The file of results; None to keep them in memory.
+        jobs: Number of processes at once; None for one a core.
+        force: Whether an older file is replaced.
+        resume: Whether the study in the file is continued.
+        dask: Address of the scheduler of a Dask cluster that runs the cells instead.
+
+    Returns:
+        `path` as a Path, or None.
 
     Raises:
         InputError: An option is of another type, there are fewer processes than one, or more than one where none can be
@@ -90,7 +100,7 @@ def require_options(
     return None if path is None else as_path("path", path)
 
 
-def _described(value: object) -> str:
+def _describe_argument(value: object) -> str:
     """Describe an argument: an array by its shape, a scalar as it is written, anything else by its type."""
     if value is None or isinstance(value, bool | Real):
         return shortened(str(value))

@@ -306,7 +306,7 @@ class PlantSpec(Choice):
 
 
 def controller_faults(controller: ControllerSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give times of a controller that do not fit each other, and meshes that it cannot have."""
+    """Yield errors for times of a controller that do not fit each other, and meshes that it cannot have."""
     if controller.sample_time > controller.horizon:
         wanted = f"at most the horizon of {controller.horizon:g} s"
         yield ("sample_time",), expected(wanted, f"{controller.sample_time:g} s")
@@ -321,7 +321,19 @@ def controller_faults(controller: ControllerSpec, earlier_fields: Fields, contex
 
 
 def solver_faults(solver: SolverSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a controller or a gradient that is not of the solver, and a deadline that it cannot keep."""
+    """Yield errors where the settings of a solver do not fit it or the controller.
+
+    A solver by costates cannot have controller htmpc, only such a solver has a choice of gradients, and a solver that
+    cannot stop early has no deadline.
+
+    Args:
+        solver: The valid key `solver` of a task.
+        earlier_fields: The valid keys of the task before it.
+        context: The rest of the description, which this rule does not need.
+
+    Yields:
+        Path of the key from `solver` on, and its error.
+    """
     controller = earlier_fields.get("controller")
     if solver.traits.by_costates and controller and controller.traits.has_levels:
         kinds = " or ".join(kind for kind, traits in SOLVERS.items() if not traits.by_costates)
@@ -342,7 +354,20 @@ def solver_faults(solver: SolverSpec, earlier_fields: Fields, context: Context) 
 
 
 def plant_faults(plant: PlantSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a plant whose ticks and steps do not divide a sample."""
+    """Yield errors where a plant does not fit the controller's sample time, or the robot.
+
+    A sample has to be a whole number of ticks of the low-level law, and a tick a whole number of integration steps.
+    Only a plant that computes forces moves bases that are not free-flying, and only a robot with thrusters has a key
+    for them.
+
+    Args:
+        plant: The valid key `plant` of a task.
+        earlier_fields: The valid keys of the task before it.
+        context: What is known of the robot.
+
+    Yields:
+        Path of the key from `plant` on, and its error.
+    """
     if (controller := earlier_fields.get("controller")) is None:
         return
     sample = controller.sample_time

@@ -155,7 +155,7 @@ class Document:
 
     def value(self, path: Location) -> Data:
         """Return the value at a path, None if there is none."""
-        found: Data = _inside(self.data, path) if path in self.origins else None
+        found: Data = _value_at(self.data, path) if path in self.origins else None
         return found
 
     def found(self, path: Location) -> str:
@@ -173,16 +173,17 @@ class Document:
         return "nothing" if value is None else shortened(self.origins[path].written or str(value))
 
     def report(self, faults: Iterable[Fault]) -> str:
-        """Write faults as `file:line:column: path: message` with the line itself, in the order of the lines.
+        """Write faults as the message that a user reads: `file:line:column: path: message`, then the line itself.
 
-        Faults of overrides come last and repeat the override instead.
+        Faults are in the order of their lines. Those of values that an override has set (`--set`) come last, and name
+        the override instead of a line. Of more than `MOST_FAULTS` only the number of the others is written.
         """
         placed = []
-        for fault in dict.fromkeys(faults):
+        for fault in dict.fromkeys(faults):  # each once
             origin = self.origin(fault.path)
             place = fault.place or (fault.at_key and origin.key) or origin.place
             placed.append((origin.override is not None, place, origin, fault))
-        placed.sort(key=lambda each: each[:2])
+        placed.sort(key=lambda entry: entry[:2])  # texts before overrides, then by place
         lines = []
         for overridden, place, origin, fault in placed[:MOST_FAULTS]:
             what = f"{dotted(fault.path)}: {fault.message}" if fault.path else fault.message
@@ -208,19 +209,27 @@ def _compose(text: str) -> Any:
 
 
 def read(name: str, text: str) -> Document:
-    """Read a YAML text; what is wrong with it as YAML is in the document's `faults`."""
+    """Read a YAML text as plain data with the position of every value; raise nothing.
+
+    What is wrong with the text as YAML is in the document's `faults`, with its position, so that it is reported along
+    with what is wrong with its keys. A text that cannot be parsed has no data.
+
+    Args:
+        name: Name of the document in messages, such as the path of its file.
+        text: The text.
+    """
     origins: dict[Location, Origin] = {}
     faults: list[Fault] = []
     try:
         node = _compose(text)
-        data = None if node is None else _convert(node, (), None, origins, faults)
+        data = None if node is None else _to_plain_data(node, (), None, origins, faults)
         return Document(name, text, data, origins, tuple(faults))
     except MarkedYAMLError as error:
         since = f", {error.context} that begins in line {error.context_mark.line + 1}" if error.context_mark else ""
         message = f"found no plain YAML{since}: {error.problem}"
         place = _place_of(error.problem_mark)
     except ReaderError as error:
-        start = text.rfind("\n", 0, error.position) + 1
+        start = text.rfind("\n", 0, error.position) + 1  # of the line, to count its columns
         place = Place(text.count("\n", 0, error.position) + 1, error.position - start + 1)
         message = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
     except RecursionError:
@@ -229,26 +238,35 @@ def read(name: str, text: str) -> Document:
     return Document(name, text, faults=(Fault((), message, place=place),))
 
 
-def _put(
+def _with_value(
     document: Document, at: Location, new: Data, origins: Mapping[Location, Origin], without: Collection[Location] = ()
 ) -> Document:
-    """Return the document with a value at a place, in mappings that are added too, and without some keys.
+    """Return the document with one value replaced or added.
 
-    `origins` are those of the value and of what is inside it, by path from it. A text on the way stands for its kind.
+    Mappings on the way to it that are missing are added. A section that is written as a text, such as
+    `controller: htmpc`, becomes the mapping `{kind: htmpc}` first, so that it can hold a further key.
+
+    Args:
+        document: The document, which does not change.
+        at: Path of the value.
+        new: The value.
+        origins: Where the value comes from, for messages, by the empty path; and what is inside it, by path from it.
+        without: Paths of keys that are removed.
     """
-    data = _copied(document.data, (at, *without))
+    data = _copied_along(document.data, (at, *without))
     gone = {at, *without}
     lengths = {len(path) for path in gone}
+    # origins of all values but those that are replaced or removed, and what is inside these
     kept = {path: origin for path, origin in document.origins.items() if gone.isdisjoint([path[:n] for n in lengths])}
-    for each in without:
-        del _inside(data, each[:-1])[each[-1]]
-    around: Any = data
+    for removed in without:
+        del _value_at(data, removed[:-1])[removed[-1]]
+    around: Any = data  # the mapping or list that the next step leads into
     for length, key in enumerate(at[:-1], start=1):
         inner = around.get(key) if isinstance(around, dict) else around[key]
         place = at[:length]
-        if inner is None or isinstance(inner, str):
+        if inner is None or isinstance(inner, str):  # missing, or a section's kind as a text
             kept |= {(*place, "kind"): kept[place]} if inner else {}
-            kept[place] = replace(origins[()], written=None)
+            kept[place] = replace(origins[()], written=None)  # the mapping is there because of the new value
             around[key] = {} if inner is None else {"kind": inner}
         around = around[key]
     around[at[-1]] = new
@@ -256,31 +274,39 @@ def _put(
     return replace(document, data=data, origins=kept, changed=True)
 
 
-def _copied(data: Any, paths: Collection[Location]) -> Any:
-    """Return data that may be changed at some places, copied on the way to them and shared elsewhere."""
+def _copied_along(data: Any, paths: Collection[Location]) -> Any:
+    """Return data in which the values at some paths may be replaced without changing the original.
+
+    Mappings and lists on the way to these paths are copied; all else is shared with the original. A document does not
+    change, so changes of its keys are made in such data.
+    """
     if not isinstance(data, dict | list):
         return data
     copied: Any = data.copy()
-    onward: dict[int | str, list[Location]] = {}
+    onward: dict[int | str, list[Location]] = {}  # by first step, what is left of the paths
     for path in paths:
         if len(path) > 1:
             onward.setdefault(path[0], []).append(path[1:])
     for key, further in onward.items():
         if isinstance(data, list) or key in data:
-            copied[key] = _copied(copied[key], further)
+            copied[key] = _copied_along(copied[key], further)
     return copied
 
 
-def _inside(data: Any, path: Location) -> Any:
+def _value_at(data: Any, path: Location) -> Any:
     return reduce(getitem, path, data)
 
 
 def origins_of(data: Data, sources: Mapping[Location, str]) -> dict[Location, Origin]:
-    """Return the origins of the values in data that was built from another file.
+    """Return where values come from that were built from another file, such as a URDF, for messages about them.
 
     Args:
         data: What was built.
-        sources: Source of each value by its path, as a message names it; nested values inherit it.
+        sources: Source of each value by its path, as a message names it, such as `arm.urdf:12: link "hand"`. Values
+            inside it without a source of their own have the same one.
+
+    Returns:
+        Origin of every value by its path. Its place is only that of the beginning of a file: messages name the source.
     """
     origins = dict[Location, Origin]()
 
@@ -288,8 +314,8 @@ def origins_of(data: Data, sources: Mapping[Location, str]) -> dict[Location, Or
         source = sources.get(path, source)
         inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         origins[path] = Origin(Place(1, 1), written=None if value is None else str(value), override=source)
-        for key, each in inside:
-            add(each, (*path, key), source)
+        for key, value_inside in inside:
+            add(value_inside, (*path, key), source)
 
     add(data, (), None)
     return origins
@@ -341,12 +367,21 @@ def resolve(word: str) -> Scalar:
 TOO_LARGE = f"more than {DEEPEST} levels or {MOST_VALUES} values with aliases expanded"
 
 
-def _convert(
+def _to_plain_data(
     node: Any, path: Location, key: Place | None, origins: dict[Location, Origin], faults: list[Fault]
 ) -> Data:
-    """Return a node as plain data, and add the position of every value and what is wrong with keys.
+    """Convert a node of PyYAML and all inside it to plain data: mappings, lists, and scalars by the rules of YAML 1.2.
 
-    The first of equal keys counts.
+    Args:
+        node: The node.
+        path: Its path from the root of the file.
+        key: Position of its key; None for the root and for entries of lists.
+        origins: Receives the origin of every value by its path.
+        faults: Receives what is wrong with keys: those that are no words, or that a mapping has twice, of which the
+            first counts.
+
+    Raises:
+        MarkedYAMLError: Values are nested too deep or too many, or one has a tag, such as `!!binary`.
     """
     place = _place_of(node.start_mark)
     tag = node.tag.replace("tag:yaml.org,2002:", "!!")
@@ -356,21 +391,22 @@ def _convert(
         raise MarkedYAMLError(problem=f"the tag {quoted(tag)}", problem_mark=node.start_mark)
     origins[path] = Origin(place, key, node.value if isinstance(node, yaml.ScalarNode) else None)
     if isinstance(node, yaml.ScalarNode):
-        return resolve(node.value) if node.style is None else str(node.value)
+        return resolve(node.value) if node.style is None else str(node.value)  # with a style it is quoted: a text
     if isinstance(node, yaml.SequenceNode):
-        return [_convert(item, (*path, index), None, origins, faults) for index, item in enumerate(node.value)]
+        return [_to_plain_data(item, (*path, index), None, origins, faults) for index, item in enumerate(node.value)]
     mapping: dict[str, Data] = {}
     for key_node, value_node in node.value:
         word = key_node.value
-        place = _place_of(key_node.start_mark)
+        place_of_key = _place_of(key_node.start_mark)
         if not isinstance(word, str):
-            faults.append(Fault(path, "found a list or mapping as a key, expected a word", place=place))
+            faults.append(Fault(path, "found a list or mapping as a key, expected a word", place=place_of_key))
         elif word in mapping:
             first = origins[(*path, word)].key
             line = f" (first in line {first.line})" if first else ""
-            faults.append(Fault((*path, word), f"found this key again{line}, expected every key once", place=place))
+            message = f"found this key again{line}, expected every key once"
+            faults.append(Fault((*path, word), message, place=place_of_key))
         else:
-            mapping[word] = _convert(value_node, (*path, word), place, origins, faults)
+            mapping[word] = _to_plain_data(value_node, (*path, word), place_of_key, origins, faults)
     return mapping
 
 
@@ -400,7 +436,9 @@ def dotted(path: Location) -> str:
 
 
 def read_regular(path: Path, most: int, wanted: str = "a file", cut: bool = False) -> bytes:
-    """Read a regular file, never more than its size says: other files, and those of the kernel, may never end.
+    """Read a regular file, never more than its size says.
+
+    Other files, such as pipes, and files of the kernel may never end; a pipe is opened without waiting for its writer.
 
     Args:
         path: The file.
@@ -465,37 +503,50 @@ def choice(name: str, valid: Iterable[str]) -> str:
 
 
 def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:
-    """Return the document with the changes applied in their order, and messages about those that could not be.
+    """Apply changes of keys to a document, as `--set` and the argument `set` of `load_task` mean them.
 
-    A change of a key also removes that key, and those around or inside it, from what `by_controller` has of it.
+    A change holds for every controller. So it also removes that key, and keys around or inside it, from what
+    `by_controller` sets for single controllers.
+
+    Args:
+        document: The task as it was read.
+        changes: Keys to change, in their order.
+
+    Returns:
+        The document with the changes, and messages about those that could not be applied.
     """
     messages = []
     if isinstance(changes, Mapping):
         texts = (f"{path}={json.dumps(plain(value), ensure_ascii=False)}" for path, value in changes.items())
         changes = [(f"set {text}", text) for text in texts]
-    for number, change in enumerate(changes, start=1):
+    for number, change in enumerate(changes, start=1):  # the number orders the messages about changed values
         typed, text = (f"--set {change}", change) if isinstance(change, str) else change
         try:
-            document = _apply(document, typed, number, text)
+            document = _with_change(document, typed, number, text)
         except SpecError as error:
             messages.append(f"{typed}: {error}")
     return document, tuple(messages)
 
 
 def for_controller(document: Document, kind: str) -> Document:
-    """Apply what the `by_controller` of a document has for one kind of controller.
+    """Return the document of a task with the keys that its `by_controller` sets for one kind of controller.
 
-    Those keys are located where `by_controller` has them; keys that cannot be are faults of the document.
+    Messages about their values point at `by_controller`. Keys that cannot be set there, such as `robot`, become faults
+    of the document.
+
+    Args:
+        document: The task as it was read.
+        kind: The controller, such as `htmpc`.
     """
     for key, value in mapping(document.value((BY_CONTROLLER, kind))).items():
         at = (BY_CONTROLLER, kind, key)
         try:
-            path = _path(document, key)
+            path = _parse_path(document, key)
             if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
                 wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
                 raise SpecError(f"found the key {quoted(key)}, expected {wanted}")
             inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
-            document = _put(document, _place_of_change(document, path, value), value, inside)
+            document = _with_value(document, _place_of_change(document, path, value), value, inside)
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
     return document
@@ -506,32 +557,43 @@ def with_controller(document: Document, kind: str) -> Document:
     section = document.value(("controller",))
     if not (section is None or isinstance(section, str | dict)):
         return document
-    return _put(document, ("controller", "kind"), kind, {(): Origin(Place(1, 1))})
+    return _with_value(document, ("controller", "kind"), kind, {(): Origin(Place(1, 1))})
 
 
-def _apply(document: Document, typed: str, number: int, text: str) -> Document:
-    """Return the document with one value replaced or added; the value is YAML."""
+def _with_change(document: Document, typed: str, number: int, text: str) -> Document:
+    """Return the document with one change of a key applied, and its key removed from `by_controller`.
+
+    Args:
+        document: The document.
+        typed: The change as messages repeat it, such as `--set controller.nodes=25`.
+        number: Number of the change, which orders messages about several.
+        text: The change, `path=value`; the value is YAML.
+
+    Raises:
+        SpecError: It has no `=`, its path leads nowhere, or its value is no YAML.
+    """
     written, separator, value_text = text.partition("=")
     if not separator:
         raise SpecError('found no "=", expected path=value, such as controller.nodes=25')
-    path = _path(document, written.strip())
+    path = _parse_path(document, written.strip())
     new = read("--set", value_text)
     if new.faults:
         raise SpecError(new.faults[0].message)
     path = _place_of_change(document, path, new.data)
+    # the number stands for a line, by which messages are ordered
     origins = {
         at: replace(origin, place=Place(number, origin.place.column), override=typed)
         for at, origin in (new.origins or {(): Origin(Place(1, 1))}).items()
     }
-    overridden = []
+    overridden = []  # paths (by_controller, controller, key) of keys that the change replaces
     for at in (at for at in document.origins if len(at) == 3 and at[0] == BY_CONTROLLER):
-        with suppress(SpecError):
-            own = _path(document, str(at[2]))
-            overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
-    return _put(document, path, new.data, origins, overridden)
+        with suppress(SpecError):  # a key there that leads nowhere is a fault of its own
+            path_there = _parse_path(document, str(at[2]))
+            overridden += [at] if lies_inside(path_there, path) or lies_inside(path, path_there) else []
+    return _with_value(document, path, new.data, origins, without=overridden)
 
 
-def _path(document: Document, written: str) -> Location:
+def _parse_path(document: Document, written: str) -> Location:
     """Return the path that a text means; what it leads to need not be there, the lists on the way must be."""
     if not _PATH.fullmatch(written):
         wanted = "expected one such as stages[1].priority or stages.capture.priority"
@@ -539,7 +601,7 @@ def _path(document: Document, written: str) -> Location:
     value = document.data
     path: Location = ()
     for index, name in _STEP.findall(written):
-        path = (*path, _key(document, value, int(index) if index else name, path))
+        path = (*path, _resolve_step(document, value, int(index) if index else name, path))
         value = document.value(path)
         if value is None or (isinstance(value, str) and len(path) == 1):  # such as `controller: htmpc`
             value = {}
@@ -557,7 +619,7 @@ def _place_of_change(document: Document, path: Location, value: Data) -> Locatio
     return (*path, "kind") if names_the_kind else path
 
 
-def _key(document: Document, value: Data, step: str | int, path: Location) -> str | int:
+def _resolve_step(document: Document, value: Data, step: str | int, path: Location) -> str | int:
     """Return the key or index that a step means inside a value; an entry of a list also goes by its `name`."""
     if isinstance(value, dict) and isinstance(step, str):
         return step

@@ -63,15 +63,19 @@ def expected(what: str, found: str | None = None, at_key: bool = False) -> Pydan
 def validated_by(
     rule: Callable[[Any, Fields, Any], RuleErrors], as_written: bool = False, always: bool = False
 ) -> WrapValidator:
-    """Create a validator that applies a rule to a valid value.
+    """Create the validator of a field that applies one of our rules after pydantic has validated the value.
+
+    It stands in the field's annotation: `Annotated[Controller, validated_by(controller_faults)]`.
 
     Args:
-        rule: Yields the errors of the value, from the valid fields before it and the `Context` of its description.
-        as_written: Whether the rule gets the value as it is written in the file.
-        always: Whether the rule also applies without a context.
+        rule: Yields the errors of the value, each with its path from the value. It is called with the value, the valid
+            fields of the model before it, and the `Context`: what is known of the rest of the description.
+        as_written: Whether the rule gets the value as it is written in the file, such as `30 deg`, instead of the valid
+            one.
+        always: Whether the rule also applies without a context, as where a model is built in Python.
     """
 
-    def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    def apply_rule(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         valid = handler(value)
         flaws = rule(value if as_written else valid, info.data, info.context) if always or info.context else ()
         found: list[Any] = [{"type": error, "loc": at, "input": value} for at, error in flaws]
@@ -79,7 +83,7 @@ def validated_by(
             raise ValidationError.from_exception_data("rules", found)
         return valid
 
-    return WrapValidator(check)
+    return WrapValidator(apply_rule)
 
 
 def _untitled(schema: dict[str, Any]) -> None:
@@ -103,7 +107,7 @@ class Spec(BaseModel):
         try:
             return handler(value)
         except ValidationError as error:
-            flaws = list(_explained(error.errors(include_url=False), cls))
+            flaws = list(_errors_in_our_words(error.errors(include_url=False), cls))
         raise ValidationError.from_exception_data(cls.__name__, flaws)
 
 
@@ -112,14 +116,18 @@ def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
+def _errors_in_our_words(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
     """Yield pydantic's errors of a model in the words of our messages: what was found, and what was expected.
 
-    A key that is misspelt is not reported as missing as well, nor a list as too short of which entries are wrong.
+    Errors that follow from another one are left out: that a key is missing which is misspelt, and that a list is too
+    short of which only wrong entries do not count.
 
     Args:
         details: The errors, as pydantic has them.
         model: The model that was validated.
+
+    Yields:
+        Mappings with the keys type, loc and input, from which pydantic builds a ValidationError.
     """
     keys = keys_of(model)
     unknown = [str(detail["loc"][0]) for detail in details if detail["type"] == "extra_forbidden"]
@@ -196,7 +204,7 @@ _WORDINGS = {
 
 
 def faults_of(error: ValidationError, document: Document) -> Iterator[Fault]:
-    """Give every error of a validation with its path in the document; its `loc` also names branches of unions."""
+    """Yield every error of a validation with its path in the document; its `loc` also names branches of unions."""
     for detail in error.errors(include_url=False):
         path: Location = ()
         for step in detail["loc"]:
@@ -283,13 +291,20 @@ def _coordinate(value: object, rate: str = "") -> float:
 
 
 def unit_errors(written: object, unit: str, turns: bool = True, rate: str = "") -> RuleErrors:
-    """Give a number that is written with the unit of another kind of coordinate, or an angle that needs a unit.
+    """Yield the error of a number that is written with the unit of another kind of coordinate, or lacks a unit.
+
+    A length may be `0.2` or `0.2 m`, an angle `0.5`, `0.5 rad` or `30 deg`. An angle without a unit of more than one
+    turn is an error, since degrees are meant most likely.
 
     Args:
-        written: The number as it is written; what is none has no flaws here.
-        unit: Of the coordinate: m, rad, or 1 for parts of a quaternion.
-        turns: Whether an angle beyond one turn needs its unit; not of a rate.
-        rate: Unit of the number where it is a rate of the coordinate, such as m/s^2.
+        written: The number as it is written; a value that is no number has no error here.
+        unit: Unit of the coordinate: m, rad, or 1 for parts of a quaternion.
+        turns: Whether an angle beyond one turn needs its unit; that of a rate does not.
+        rate: Unit of the number if it is a rate of the coordinate, such as m/s^2; it is only for the message, since
+            rates are written with the unit of the coordinate.
+
+    Yields:
+        The empty path and the error, at most once.
     """
     kind = f"a number in {rate}" if rate else {"m": "a length", "rad": "an angle"}.get(unit, "a number")
     if isinstance(written, str) and re.fullmatch(COORDINATE_PATTERN, written):
@@ -301,7 +316,7 @@ def unit_errors(written: object, unit: str, turns: bool = True, rate: str = "") 
 
 
 def within_a_turn(written: object, earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give an angle of more than a turn without a unit: degrees, most likely."""
+    """Yield errors for an angle of more than a turn without a unit: degrees, most likely."""
     if isinstance(written, int | float) and abs(written) > 2 * math.pi * (1 + 1e-9):
         wanted = f"an angle within one turn, or one with its unit: {written:g} deg, {written:g} rad"
         yield (), expected(wanted, f'{written:g} rad (did you mean "{written:g} deg"?)')

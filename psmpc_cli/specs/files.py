@@ -19,7 +19,7 @@ def shown(path: Path) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a regular file.
+    """Read the file of a robot or task, of at most `LARGEST_FILE` bytes.
 
     Raises:
         SpecError: It is missing, unreadable, no regular file or too large.

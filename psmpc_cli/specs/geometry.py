@@ -22,6 +22,10 @@ DEEP = 1e6
 """Length along z of a box in the plane [m]: beyond all others, so that it is never the nearest way out."""
 
 
+SHORTEST_VECTOR = 1e-6
+"""Length below which a vector gives no direction, and a quaternion no attitude."""
+
+
 @dataclass(frozen=True)
 class Shape:
     """A convex shape about its own frame, in space; those of the plane are in z = 0.
@@ -76,7 +80,7 @@ def _dimension(context: Context) -> int | None:
 
 
 def _one_shape(shape: ShapeSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a shape that is none, or several, and sizes of another dimension."""
+    """Yield errors for a shape that is none, or several, and sizes of another dimension."""
     given = [key for key in ShapeSpec.model_fields if getattr(shape, key) is not None]
     if len(given) != 1:
         yield (), expected(f"one of {', '.join(ShapeSpec.model_fields)}", ", ".join(given) or "none", at_key=True)
@@ -86,7 +90,7 @@ def _one_shape(shape: ShapeSpec, earlier_fields: Fields, context: Context) -> Ru
     dimension = _dimension(context)
     if key in ("box", "half_space") and dimension not in (None, len(numbers)):
         yield (key,), expected(counted(dimension, "entry", "entries"))
-    if key == "half_space" and np.linalg.norm(numbers) < 1e-6:
+    if key == "half_space" and np.linalg.norm(numbers) < SHORTEST_VECTOR:
         yield (key,), expected("a normal that is not 0")
 
 
@@ -100,8 +104,22 @@ class PlacedShape(Spec):
     pose: PoseNumbers | None = Field(None, description="pose of its frame in that of the body; default the same")
 
 
-def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give shapes of bodies that the robot does not have, endless ones, and poses of another dimension."""
+def _faults_of_body_shapes(
+    given: Mapping[str, tuple[PlacedShape, ...]], earlier_fields: Fields, context: Context
+) -> RuleErrors:
+    """Yield errors of the shapes that a robot's file gives its bodies.
+
+    A body has to exist, its shapes must not be half-spaces, which have no end, and their poses must have as many
+    numbers as poses of the robot have, with a quaternion that is not 0.
+
+    Args:
+        given: The shapes by body, `base` or `arm.number`.
+        earlier_fields: The valid keys of the robot before it, arms among them.
+        context: What is known of the rest of the robot's file.
+
+    Yields:
+        Path of the value from `geometry` on, and its error.
+    """
     dimension = _dimension(context)
     bodies = ["base"]
     for name, arm in earlier_fields.get("arms", {}).items():
@@ -109,18 +127,18 @@ def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], earlier_fields: Fie
     for body, placed in given.items():
         if "arms" in earlier_fields and body not in bodies:
             yield (body,), flaw(choice(body, bodies), "no such body of the robot", at_key=True)
-        for number, each in enumerate(placed):
-            if each.shape.half_space is not None:
+        for number, shape in enumerate(placed):
+            if shape.shape.half_space is not None:
                 yield (body, number, "shape", "half_space"), expected("sphere, capsule or box", at_key=True)
-            if each.pose is not None and dimension is not None and len(each.pose) != len(TARGET_AXES[dimension]):
+            if shape.pose is not None and dimension is not None and len(shape.pose) != len(TARGET_AXES[dimension]):
                 yield (body, number, "pose"), expected(counted(len(TARGET_AXES[dimension]), "entry", "entries"))
-            elif each.pose is not None and dimension == 3 and np.linalg.norm(each.pose[3:]) < 1e-6:
+            elif shape.pose is not None and dimension == 3 and np.linalg.norm(shape.pose[3:]) < SHORTEST_VECTOR:
                 yield (body, number, "pose"), expected("a quaternion w, x, y, z that is not 0 after the position")
 
 
 GEOMETRY = "shapes that the bodies are covered by, by body: base, or arm.number; default fitted to the joints"
 
-ShapesByBody = Annotated[Mapping[str, tuple[PlacedShape, ...]], validated_by(_on_bodies)]
+ShapesByBody = Annotated[Mapping[str, tuple[PlacedShape, ...]], validated_by(_faults_of_body_shapes)]
 """Shapes of a robot's bodies, keyed as `RobotSpec.bodies` names them."""
 
 
@@ -156,7 +174,7 @@ def pair_name(first: str, second: str) -> str:
 
 
 def _known_parts(pairs: tuple[tuple[str, str], ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give names of parts that are none."""
+    """Yield errors for names of parts that are none."""
     valid = names_of_parts(context)
     for i, pair in enumerate(pairs if valid else ()):
         for j, name in enumerate(pair):
@@ -186,9 +204,6 @@ class ClearanceSpec(Spec):
     hard: fields.Flag = Field(False, description="no plan may come nearer; default: violations cost")
 
 
-SHORTEST_VECTOR = 1e-6
-"""Length below which a vector gives no direction."""
-
 _Frame = Annotated[str, one_of(lambda context: context.sizes)]
 _Vector = Annotated[tuple[fields.Number, ...], by_dimension(2, 3)]
 _DirectionVector = Annotated[
@@ -204,7 +219,7 @@ class ConeTargetSpec(Spec):
 
 
 def _point_or_direction(target: ConeTargetSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a target that is none, or both."""
+    """Yield errors for a target that is none, or both."""
     given = [key for key in ConeTargetSpec.model_fields if getattr(target, key) is not None]
     if len(given) != 1:
         yield (), expected("either point or direction", " and ".join(given) or "neither", at_key=True)
@@ -232,7 +247,7 @@ class ConeSpec(Spec):
 
 
 def _one_angle(cone: ConeSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a cone with no angle, or with two, or with one that is no angle between two directions."""
+    """Yield errors for a cone with no angle, or with two, or with one that is no angle between two directions."""
     given = [key for key in ("within", "outside") if getattr(cone, key) is not None]
     if len(given) != 1:
         yield (), expected("either within or outside", " and ".join(given) or "neither", at_key=True)

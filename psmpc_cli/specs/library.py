@@ -29,7 +29,14 @@ def built_ins(kind: Kind) -> dict[str, Path]:
 
 
 def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
-    """Return the file that a reference means: a path (relative to the folder `beside`), else a built-in name.
+    """Return the file that a reference to a robot or task means: the path of a file, or else a built-in name.
+
+    A folder that happens to have the name of a built-in does not hide it.
+
+    Args:
+        kind: Which built-ins there are to choose from.
+        reference: The path or the name, as the user has written it.
+        beside: Folder that a relative path begins in; by default the working directory.
 
     Raises:
         SpecError: There is no such file and no such built-in.

@@ -107,17 +107,20 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
     require("task", reference, (str, PathLike, Mapping), "the name of a task, the path of a file, or a mapping of keys")
     _require_changes(set)
     if isinstance(reference, Mapping):
-        return _task(read("task", write(reference)), Path(), "task", set)
+        return _build_task(read("task", write(reference)), Path(), "task", set)  # a robot's path is from here
     path = find("task", reference)
     if is_xml(path):
         keys = ", ".join(_required_keys(TaskSpec))
         found = f"found {kind_of_xml(path)}, expected a task: a YAML file with the keys {keys}"
         raise SpecError(f"{shown(path)}: {found}; its key robot refers to a robot, which may be a URDF file")
-    return _task(read(shown(path), read_text(path)), path.parent, printable(path.stem), set)
+    return _build_task(read(shown(path), read_text(path)), path.parent, printable(path.stem), set)
 
 
 def _require_changes(changes: Changes) -> None:
-    """Make sure that changes of a task are a mapping by path, or a sequence of texts or pairs of texts.
+    """Make sure that changes of a task have the type `Changes`, before anything reads them.
+
+    They may be a mapping of values by path, or a sequence whose entries are texts `path=value` or pairs of texts. A
+    text alone is none, though it is a sequence.
 
     Raises:
         InputError: They are not.
@@ -166,7 +169,7 @@ class TaskDocuments:
         Raises:
             SpecError: Something is wrong with the texts or a change.
         """
-        return _task(self.task, self.robot, self.name, set)
+        return _build_task(self.task, self.robot, self.name, set)
 
 
 def read_documents(task_yaml: str, robot_yaml: str, name: str) -> TaskDocuments:
@@ -200,26 +203,33 @@ def kind_of_reference(reference: str | Path) -> Kind:
     path = find("task", reference)
     if is_xml(path):
         return "robot"
-    return _kind_of(read(shown(path), read_text(path))) or "task"
+    return _kind_of_description(read(shown(path), read_text(path))) or "task"
 
 
 def validate_robot(
     document: Document, mobility: Mobility | None = None, of_stages: Sequence[MobilityTraits] = ()
 ) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
-    """Return the robot that a document describes, None if it is not valid, and every fault of the document.
+    """Validate a robot's file, also against what a task says of the mobility of its base: what moves it.
+
+    A base that moves needs a mass, thrusters must push and turn it in every direction, and there are neither thrusters
+    nor wheels on a base that is fixed.
 
     Args:
         document: The robot's file.
-        mobility: What a task has instead of the robot's own mobility.
-        of_stages: What moves the base in stages of the task that say it.
+        mobility: What a task has instead of the robot's own mobility; None if it has nothing.
+        of_stages: What moves the base in those stages of the task that have a mobility of their own.
+
+    Returns:
+        The robot, None if it is not valid; and every fault of the document.
     """
     spatial = "space" in mapping(document.data)
     for path in document.origins if not spatial else ():
+        # arms.NAME.links[i].joint, a key of spatial robots that tells that `space: spatial` was forgotten
         joint_of_link = len(path) == 5 and (path[0], path[2], path[4]) == ("arms", "links", "joint")
         if joint_of_link or (path == ("base", "inertia") and isinstance(document.value(path), list)):
             found = f'found {document.found(path)}, which only a robot in space has, and no key "space"'
             return None, (*document.faults, Fault(path, f"{found}; expected space: spatial at the top of the file"))
-    robot, faults = _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document))
+    robot, faults = _validate_document(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document))
     if robot is None:
         return None, faults
     robot = robot if mobility is None else robot.model_copy(update={"mobility": mobility})
@@ -232,7 +242,7 @@ def validate_robot(
     if robot.wheels and held_in_stages:
         found = "found wheels on a base that is fixed in some stages; expected none, or another mobility there"
         faults = (*faults, Fault(("wheels",), found))
-    on_fixed = [key for key in ("thrusters", "wheels") if getattr(robot, key) and not moves]
+    idle_actuators = [key for key in ("thrusters", "wheels") if getattr(robot, key) and not moves]
     if robot.thrusters and moves and (missing := missing_directions(robot)):
         wanted = "expected thrusters that push and turn it in every direction: others, or in other places"
         faults = (
@@ -243,7 +253,7 @@ def validate_robot(
         *faults,
         *(
             Fault((key,), f"found {key} on a base that is fixed; expected none, or another mobility")
-            for key in on_fixed
+            for key in idle_actuators
         ),
         *(Fault(("wheels",), fault) for fault in wheel_faults(robot, [robot.moved_by, *of_stages])),
     )
@@ -251,14 +261,18 @@ def validate_robot(
 
 
 def _read_robot(path: Path) -> Document:
-    """Read the file of a robot; the bodies of a URDF are in the place of the keys that refer to it.
+    """Read the file of a robot, and the URDF file that it may refer to.
 
-    A URDF itself is read as a file that has nothing but its name.
+    A robot's file may be YAML with all keys, YAML with the key `urdf` and some keys, or a URDF file itself, which is
+    read like YAML that has nothing but `urdf`. In the last two cases the document that is returned has the bodies,
+    joints and limits from the URDF in the place of the keys that refer to it. Other keys of the YAML file take
+    precedence over the URDF.
 
     Raises:
         SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
     if is_xml(path):
+        # without the text, messages do not repeat a line that is not in the file
         document = replace(read(shown(path), f"urdf: {json.dumps(path.name)}"), text="")
     else:
         document = read(shown(path), read_text(path))
@@ -269,26 +283,29 @@ def _read_robot(path: Path) -> Document:
         wrong = Fault(("urdf",), f"found the directory {quoted(str(reference))}, expected a URDF file")
         raise SpecError(document.report([wrong]))
     urdf = read_urdf(path.parent / str(reference)) if is_named else None
-    file, faults = _validate(document, "robot", UrdfRobot, urdf)
+    file, faults = _validate_document(document, "robot", UrdfRobot, urdf)
     if file is None or urdf is None:
         raise SpecError(document.report(faults))
     built, sources = spatial_robot(urdf, file)
     notes = [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
-    own = {key: value for key, value in mapping(document.data).items() if key not in ("urdf", "locked", "base", "arms")}
-    limits = built["limits"]  # but for what the file gives, by an arm's name or for every arm
-    given = {
+    keys_that_refer = ("urdf", "locked", "base", "arms")  # they say what of the URDF the robot is made of
+    yaml_keys = {key: value for key, value in mapping(document.data).items() if key not in keys_that_refer}
+    urdf_limits = built["limits"]
+    yaml_limits = {
         part: {quantity: bounds for quantity, bounds in of_part.items() if bounds is not None}
-        for part, of_part in own.get("limits", {}).items()
+        for part, of_part in yaml_keys.get("limits", {}).items()
     }
-    merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
-    data = {**built, **own, "limits": merged, "assumed": notes}
-    if shapes := {**built.get("geometry", {}), **mapping(own.get("geometry"))}:
+    limits = {
+        part: {**urdf_limits.get(part, {}), **yaml_limits.get(part, {})} for part in {**urdf_limits, **yaml_limits}
+    }
+    data = {**built, **yaml_keys, "limits": limits, "assumed": notes}
+    if shapes := {**built.get("geometry", {}), **mapping(yaml_keys.get("geometry"))}:
         data["geometry"] = shapes
     origins = {path: origin for path, origin in origins_of(data, sources).items() if path not in document.origins}
     return replace(document, data=data, origins={**document.origins, **origins}, changed=True)
 
 
-def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:
+def _build_task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:
     """Make the task of a document, and of its robot's or of one that it refers to from a folder.
 
     The task has what its `by_controller` sets for its controller, and is validated with what that sets for others, too.
@@ -325,16 +342,16 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
         if spec
         else ()
     )
-    task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
+    task, faults = _validate_document(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
     for other in CONTROLLERS:
         if for_controller(document, other) in (document, own):
             continue
         plain = with_controller(document, other)
         variant = for_controller(plain, other)
-        _, found = _validate(variant, "task", TaskSpec, Context(variant, *of_robot))
+        _, found = _validate_document(variant, "task", TaskSpec, Context(variant, *of_robot))
         if found:
-            _, without_keys = _validate(plain, "task", TaskSpec, Context(plain, *of_robot))
+            _, without_keys = _validate_document(plain, "task", TaskSpec, Context(plain, *of_robot))
             reports.append(variant.report(fault for fault in found if fault not in (*faults, *without_keys)))
     reports += [*misplaced, source.report(robot_faults) if source else ""]
     if any(reports) or task is None or spec is None or source is None:
@@ -357,7 +374,7 @@ def _required_keys(model: type[BaseModel]) -> list[str]:
     return [name for name, field in keys_of(model).items() if field.is_required()]
 
 
-def _kind_of(document: Document) -> Kind | None:
+def _kind_of_description(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
     keys = set(mapping(document.data))
     keys_of_robots = {key for model in (PlanarRobot, SpatialRobot, UrdfRobot) for key in keys_of(model)}
@@ -367,12 +384,22 @@ def _kind_of(document: Document) -> Kind | None:
     return None if robot == task else "robot" if robot else "task"
 
 
-def _validate(
+def _validate_document(
     document: Document, kind: Kind, model: type[Model], context: Context | Urdf | None
 ) -> tuple[Model | None, tuple[Fault, ...]]:
-    """Return a document as a model, None if it is not valid, and its faults."""
+    """Validate the data of a document with a model of pydantic.
+
+    Args:
+        document: A task or robot as it was read.
+        kind: What it is expected to be.
+        model: The model of such a description.
+        context: What the rules of its keys know of the rest of the description, or the URDF that it refers to.
+
+    Returns:
+        The model, None if the document is not valid; and all faults of the document, those of its YAML among them.
+    """
     data = document.data
-    other = _kind_of(document)
+    other = _kind_of_description(document)
     if not isinstance(data, dict) or other not in (kind, None):
         required = _required_keys(model)
         found = "an empty file" if data is None else f"the description of a {other}" if other else document.found(())

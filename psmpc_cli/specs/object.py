@@ -31,7 +31,7 @@ from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
 
 
 def _units_of_pose(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give numbers of a pose, or of its error, with the unit of another coordinate, and an angle that needs one."""
+    """Yield errors for numbers of a pose, or of its error, with the unit of another coordinate, or lacking one."""
     axes = next((axes for axes in (*TARGET_AXES.values(), *ERROR_AXES.values()) if len(axes) == len(written)), ())
     for i, (axis, number) in enumerate(zip(axes, written, strict=False)):
         unit = units_of("base", axis, ()).position
@@ -48,7 +48,7 @@ PoseNumbers = Annotated[
 
 
 def _of_some_body(moments: tuple[float, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give principal moments of inertia that no body has: a mass about an axis is near one of the others at least."""
+    """Yield errors for principal moments of inertia that no body has: the sum of two is at least the third."""
     if len(moments) == 3 and 2 * max(moments) > sum(moments):
         yield (), expected("none larger than the sum of the other two", "moments that no body has")
 
@@ -122,7 +122,7 @@ that direction, and the moment about the gripper."""
 
 
 def _bounds_a_load(strength: "StrengthSpec", earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a strength that bounds nothing."""
+    """Yield errors for a strength that bounds nothing."""
     if np.isinf(strength.of_loads).all():
         yield (), expected(f"at least one of {', '.join(GRASP_LOADS)}", "none", at_key=True)
 
@@ -309,7 +309,7 @@ NO_BODY = ObjectBody(
 
 
 def complete(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give an object that nothing holds between taking it and letting it go, or that is half a body."""
+    """Yield errors for an object that nothing holds between taking it and letting it go, or that is half a body."""
     let_go_by = target_object.let_go_by
     if context.stages and let_go_by and not target_object.held_stages(context.stages):
         wanted = f"a later stage than the one after {quoted(target_object.taken_by)}, so that a stage holds the object"
@@ -324,7 +324,7 @@ def complete(target_object: ObjectSpec, earlier_fields: Fields, context: Context
 
 
 def _of_a_body(given: Mapping[str, Any], earlier_fields: Fields) -> RuleErrors:
-    """Give what an object with a mass lacks."""
+    """Yield errors for what an object with a mass lacks."""
     missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if key not in given)
     if missing:
         yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)

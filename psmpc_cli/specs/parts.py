@@ -253,29 +253,35 @@ def stands_for(key: str, part: str) -> bool:
 
 
 def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> dict[str, tuple[str, ...]]:
-    """Return the names of the rows of the error, or of the numbers of a target, by part.
+    """Return the names of the rows of a skill's error, or of the numbers of its target, by part of the robot.
+
+    They differ for a part that has an attitude in space: its target has a quaternion, w x y z, and its error three
+    rows. An arm that the skill leaves free is not in what is returned; a part that only the skill has is in it.
 
     Args:
-        parts: The robot's parts and their numbers of coordinates; none if it is not known, which has no axes.
-        space: Whose names.
-        of_error: Whether they are those of the error's rows.
+        parts: The robot's parts, `base` and arms, and their numbers of coordinates; empty if the robot is not known,
+            and then nothing is returned.
+        space: In which space the skill wants the arms: as joints, poses or points.
+        of_error: Whether names of the error's rows are returned, instead of those of a target's numbers.
     """
     if not parts:
         return {}
     dimension = dimension_of(parts)
-    kind = 0 if of_error else 1
+    kind = 0 if of_error else 1  # tables of axes are pairs: those of the error, those of the target
     arms = {part: size for part, size in parts.items() if part != "base"}
     axes = {"base": (ERROR_AXES, TARGET_AXES)[kind][dimension]}
     for arm, size in arms.items():
         wanted = part_kind(space, arm)
+        # None: the axes are the joints of the arm; without the key arms nothing is wanted of the arm
         names_of_arm = SKILL_KINDS[wanted].axes if wanted != FREE else {}
         if names_of_arm is None:
-            axes[arm] = tuple(str(joint + 1) for joint in range(size))
+            axes[arm] = tuple(str(joint + 1) for joint in range(size))  # joints, which have numbers from 1 on
         elif "arms" in names_of_arm:
             axes[arm] = names_of_arm["arms"][kind][dimension]
     default = space.kind if isinstance(space, MixedSpace) else space
-    own = {part: names_of_part for part, names_of_part in (SKILL_KINDS[default].axes or {}).items() if part != "arms"}
-    return axes | {part: names_of_part[kind][dimension] for part, names_of_part in own.items()}
+    axes_of_kind = SKILL_KINDS[default].axes or {}
+    of_skill_alone = {part: names_of_part for part, names_of_part in axes_of_kind.items() if part != "arms"}
+    return axes | {part: names_of_part[kind][dimension] for part, names_of_part in of_skill_alone.items()}
 
 
 def required_parts(axes: Axes, space: Space) -> tuple[str, ...]:
@@ -362,14 +368,19 @@ class AsWritten:
 def part_faults(
     numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, written: AsWritten | None = None
 ) -> RuleErrors:
-    """Give unknown and missing parts, wrong lengths, and units of other coordinates in numbers by part.
+    """Yield errors of numbers that are given by part of the robot, such as a target, weights or tolerances.
+
+    Errors are unknown and missing parts, lists of the wrong length, and numbers with the unit of another coordinate.
 
     Args:
-        numbers: Lists by part, or lists of such rows beside the key `times`; anything else has no flaws.
+        numbers: Lists by part, or lists of such rows beside the key `times`; anything else has no errors here.
         axes: The names of the numbers of every part.
         required: The parts that must be there.
         one: Whether one number may stand for all of a part.
         written: How their units are judged; None where they are validated numbers, or have no units.
+
+    Yields:
+        Path of the list or number from `numbers` on, and its error.
     """
     if not isinstance(numbers, Mapping):
         return
@@ -385,9 +396,9 @@ def part_faults(
     for key, row in given.items():
         if times and len(row) != len(times):
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
-        rows = {(key, i): each for i, each in enumerate(row)} if times else {(key,): row}
-        for at, each in rows.items():
-            yield from length_errors(at, each, key, axes, given, one, written)
+        rows = {(key, i): row_at_time for i, row_at_time in enumerate(row)} if times else {(key,): row}
+        for at, numbers_of_part in rows.items():
+            yield from length_errors(at, numbers_of_part, key, axes, given, one, written)
 
 
 def in_joint_space(required: bool = False, one: bool = False, positions: bool = False) -> WrapValidator:
@@ -413,16 +424,19 @@ def length_errors(
     one: bool = False,
     written: AsWritten | None = None,
 ) -> RuleErrors:
-    """Yield errors for wrong lengths, and for units that do not fit the coordinate, such as large angles without one.
+    """Yield errors of one list of numbers by part: a wrong length, and units that do not fit the coordinates.
 
     Args:
-        at: Where the list of numbers, or of pairs, is.
-        row: The list.
-        key: Its key, which stands for one part or several.
+        at: Path of the list.
+        row: The list, of numbers or of pairs [low, high].
+        key: Its key: a part, or `arms` for every arm without a list of its own.
         axes: The names of the numbers of every part.
-        given: Keys of the other lists: parts among them have a list of their own.
+        given: Keys of all lists.
         one: Whether one number may stand for all of a part.
-        written: How units are judged; None where numbers have none.
+        written: How units are judged, also that a large angle has one; None where numbers have no units.
+
+    Yields:
+        Path of the list or number, and its error.
     """
     parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
     is_list = isinstance(row, list | tuple)
@@ -439,7 +453,7 @@ def length_errors(
     if written is None:
         return
     for i, item in enumerate(row):
-        stands_alone = one and len(row) == 1
+        stands_alone = one and len(row) == 1  # for every coordinate of its part
         meant = [(part, axis) for part in parts for axis in (axes[part] if stands_alone else axes[part][i : i + 1])]
         values = [((i, j), value) for j, value in enumerate(item)] if isinstance(item, list) else [((i,), item)]
         for place, value in values:
@@ -447,7 +461,7 @@ def length_errors(
 
 
 def unit_misfits(at: Location, value: Any, coordinates: Sequence[tuple[str, str]], written: AsWritten) -> RuleErrors:
-    """Give what is wrong with the unit of a number that stands for coordinates, each a part and an axis; once."""
+    """Yield the error in the unit of a number that stands for coordinates, each a part and an axis; at most one."""
     for part, axis in coordinates:
         units = units_of(part, axis, written.sliding)
         rate = "" if written.quantity in ("position", "error") else getattr(units, written.quantity)

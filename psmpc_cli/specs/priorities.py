@@ -18,7 +18,10 @@ ACCEPTABLE = 0.1
 """Largest consistency ratio of comparisons that still agree well enough. Saaty's rule."""
 
 LARGEST_INDEX = {3: 0.31, 4: 0.35}
-"""Geometric consistency index at which the ratio is `ACCEPTABLE`, by the number of stages compared; of more 0.37."""
+"""Geometric consistency index at which the ratio is `ACCEPTABLE`, by the number of stages compared."""
+
+LARGEST_INDEX_OF_MORE = 0.37
+"""The same of more stages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +44,9 @@ class Weighing:
 def weigh(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Weighing:
     """Compute the weights w (n,) that fit log(w_a / w_b) = log(r) best, and how well the comparisons agree.
 
+    A task may compare its stages in pairs, "a is r times as important as b", instead of giving priorities; these
+    weights are then its priorities. The fit is by least squares.
+
     For a complete set these are the geometric means of the rows of the comparison matrix (Crawford and Williams, A note
     on the analysis of subjective judgment matrices, J. Math. Psychology 29, 1985); an incomplete set determines them
     as long as it connects everything (Bozoki, Fulop and Ronyai, On optimal completions of incomplete pairwise
@@ -53,17 +59,17 @@ def weigh(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Weigh
         compare: The comparisons, each of two of the stages; they connect all.
         stages: What is compared, n names.
     """
-    incidence = _incidence(compare, stages)
+    incidence = _incidence_matrix(compare, stages)
     logs = np.log([ratio for _, _, ratio in compare])
-    logarithms = np.r_[0.0, np.linalg.pinv(incidence[:, 1:]) @ logs]
+    logarithms = np.r_[0.0, np.linalg.pinv(incidence[:, 1:]) @ logs]  # only ratios are known: the first weight is 1
     residuals = logs - incidence @ logarithms
     surplus = len(compare) - len(stages) + 1
     index = float(residuals @ residuals) / surplus if surplus > 0 else 0.0
-    ratio = ACCEPTABLE * index / LARGEST_INDEX.get(len(stages), 0.37)
+    ratio = ACCEPTABLE * index / LARGEST_INDEX.get(len(stages), LARGEST_INDEX_OF_MORE)
     return Weighing(logarithms, residuals, surplus, ratio)
 
 
-def _incidence(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Vector:
+def _incidence_matrix(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Vector:
     """Return a row for each comparison (K, n): 1 at its first stage, -1 at its second."""
     return np.array([[(stage == a) - (stage == b) for stage in stages] for a, b, _ in compare], dtype=np.float64)
 
@@ -73,15 +79,30 @@ def priorities_of(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
     return [float(f"{weight:.12g}") for weight in np.exp(weigh(compare, stages).logarithms)]
 
 
-def disagreements(priorities: Any, earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
+def comparison_faults(priorities: Any, earlier_fields: Fields, context: Any) -> RuleErrors:
+    """Yield errors of the paired comparisons from which a task's priorities are computed.
+
+    The comparisons have to connect all stages; they must not contradict each other by more than the consistency ratio
+    `ACCEPTABLE`, of which the comparison with the largest residual is the error; and the weights that they lead to must
+    stay within 1 / `LARGEST` and `LARGEST` of that of the first stage.
+
+    Args:
+        priorities: The valid key `priorities` of a task.
+        earlier_fields: The valid keys of the task before it, stages among them.
+        context: The rest of the description, which this rule does not need.
+
+    Yields:
+        Path of the value from `priorities` on, and its error.
+    """
     from scipy.sparse.csgraph import connected_components
 
     stages = [stage.name for stage in earlier_fields.get("stages", ())]
     if not stages:
         return
     compare = priorities.compare
-    number, labels = connected_components(_incidence(compare, stages).T @ _incidence(compare, stages), directed=False)
+    incidence = _incidence_matrix(compare, stages)
+    laplacian = incidence.T @ incidence  # not 0 between two stages that are compared
+    number, labels = connected_components(laplacian, directed=False)
     if number > 1:
         islands = [[shortened(stages[i]) for i in np.flatnonzero(labels == island)] for island in range(number)]
         found = f"nothing that compares {' with '.join(map(', '.join, islands))}"

@@ -113,15 +113,27 @@ def _weighs(weights: float | Mapping[str, tuple[float, ...]]) -> bool:
     return any(np.any(each) for each in numbers)
 
 
-def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give missing parts and wrong lengths of a skill's weights."""
+def _weight_faults(weights: SkillWeights, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of the weights in the cost of a skill: missing parts, wrong lengths, and weights of nothing.
+
+    Weights of the error are by part of the space of the skill. Weights of the control, force and rate of the control
+    are by part of the space of its input. A base that nothing turns has no control.
+
+    Args:
+        weights: The valid key `weights` of a skill.
+        earlier_fields: The valid keys of the skill before it.
+        context: What is known of the robot and the rest of the task.
+
+    Yields:
+        Path of the value from `weights` on, and its error.
+    """
     if earlier_fields.get("space") is not None and "parts" in earlier_fields:
         space = space_of(earlier_fields["space"], earlier_fields["parts"])
         axes = axes_of(context.sizes, space)
         yield from part_faults(weights.parts, axes, context.required(required_parts(axes, space)), one=True)
     axes = axes_of(context.sizes, earlier_fields.get("input", "joint"))
     if not any(traits.is_turned for traits in context.mobilities):
-        axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
+        axes = {part: axes[part] for part in axes if part != "base"}
     for at, error in part_faults(weights.control, axes, context.required(axes)):
         yield ("control", *at), error
     for key, numbers in (("force", weights.force), ("rate", weights.rate)):
@@ -132,14 +144,14 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
             yield (key,), expected("none with input task", at_key=True)
 
 
-def _mobility(mobility: Mobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a base that a mount holds in all stages but some."""
+def _mobility_faults(mobility: Mobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors for a base that a mount holds in all stages but some."""
     if mobility is not None and not context.moved_by.moves:
         yield (), expected(f"none: the base is {context.mobility} in all stages")
 
 
 def _plumes(use: PlumeUse | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give plumes to be avoided of a robot without any, and those that have nothing to keep off."""
+    """Yield errors for plumes to be avoided of a robot without any, and those that have nothing to keep off."""
     if use != "avoided":
         return
     if not context.has_plumes:
@@ -165,9 +177,11 @@ class SkillSpec(Spec):
         {}, description="arms that are wanted in another space than `space`; free: nowhere"
     )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
-    weights: Annotated[SkillWeights, validated_by(_weights)] = Field(description="weights by part, and of the control")
+    weights: Annotated[SkillWeights, validated_by(_weight_faults)] = Field(
+        description="weights by part, and of the control"
+    )
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
-    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
+    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility_faults)]] = Field(
         None, description="what moves the base in stages of this skill, instead of the task's"
     )
     plumes: PlumesOrDefault = Field(None, description="plumes in stages of this skill, instead of the task's")
@@ -233,7 +247,7 @@ class EndCondition(Spec):
 
 
 def _rising(times: tuple[float, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give times of a trajectory that do not rise from 0."""
+    """Yield errors for times of a trajectory that do not rise from 0."""
     if times[0]:
         yield (0,), expected("0: times count from where the stage begins", f"{times[0]:g} s")
     for i in range(1, len(times)):
@@ -272,8 +286,8 @@ Target = Annotated[
 ]
 
 
-def _target(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
+def _target_faults(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors for missing parts, wrong lengths, angles without a unit, and parts without a pose on the object."""
     if (space := context.spaces.get(earlier_fields.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
@@ -294,7 +308,7 @@ class _Carrying(NamedTuple):
     let_go: int
 
 
-def _carrying(target_object: Mapping[str, Any], earlier_fields: Fields, context: Context) -> _Carrying | None:
+def _stages_that_carry(target_object: Mapping[str, Any], earlier_fields: Fields, context: Context) -> _Carrying | None:
     """Return where a stage stands among those that carry an object; None where a name is not that of a stage."""
     order = context.stages
     name = earlier_fields.get("name")
@@ -305,8 +319,8 @@ def _carrying(target_object: Mapping[str, Any], earlier_fields: Fields, context:
     return _Carrying(order.index(taken_by), order.index(name), let_go)
 
 
-def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give an end condition of the object that bounds nothing, or in a stage that does not hold it all the time."""
+def _object_end_faults(end: ObjectEndSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of an end condition of the object: it bounds nothing, or the stage does not hold the object."""
     if not end.model_dump(exclude_none=True):
         yield (), expected(f"at least one of {', '.join(ObjectEndSpec.model_fields)}", "none")
     target_object = mapping(context.file.value(("object",)))
@@ -314,7 +328,7 @@ def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) ->
         yield (), expected('an "object" with a mass and a destination', "no such object", at_key=True)
         return
     order = context.stages
-    carrying = _carrying(target_object, earlier_fields, context)
+    carrying = _stages_that_carry(target_object, earlier_fields, context)
     if carrying is not None and not carrying.taken < carrying.stage < carrying.let_go:
         wanted = f"it in a stage that holds the object, from the one after {quoted(order[carrying.taken])} on"
         yield (), expected(wanted, f"it in {quoted(order[carrying.stage])}", at_key=True)
@@ -325,17 +339,30 @@ def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[st
     return target.parts if isinstance(target, TrajectorySpec) else target
 
 
-def _has_control(names_of_joints: tuple[str, ...] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give coordinates of a base without thrusters, which has no control."""
+def _onset_faults(names_of_joints: tuple[str, ...] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors for coordinates of a base without thrusters, which has no control."""
     for i, name in enumerate(names_of_joints or ()):
         if name.partition(".")[0] == "base" and not any(traits.is_turned for traits in context.mobilities):
             yield (i,), expected(f"coordinates of arms: a {context.mobility} base has no control")
 
 
-def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
+def _end_faults(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of the end condition of a stage, but for those of units.
+
+    It needs something to bound: coordinates, the object or the momentum. Coordinates have to exist and to have a
+    target, and their parts need a tolerance and may have a velocity of the right length. Rates other than 0 at the end
+    (`moving`) need a velocity, which is their tolerance, and only parts that are among the coordinates may have them.
+
+    Args:
+        end: The valid key `ends_when` of a stage.
+        earlier_fields: The valid keys of the stage before it: skill and target.
+        context: What is known of the robot and the rest of the task.
+
+    Yields:
+        Path of the value from `ends_when` on, and its error.
+    """
     if end.object is not None:
-        yield from (((("object", *at)), error) for at, error in _object_end(end.object, earlier_fields, context))
+        yield from ((("object", *at), error) for at, error in _object_end_faults(end.object, earlier_fields, context))
     elif not (end.coordinates or end.momentum):
         yield (), expected('at least one of "coordinates", "object", "momentum"', "none", at_key=True)
     if end.momentum is not None and not end.momentum.model_dump(exclude_none=True):
@@ -348,7 +375,7 @@ def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErr
     for i, name in enumerate(end.coordinates):
         if name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
-    keys = [name.partition(".")[0] for name in end.coordinates]
+    keys = [name.partition(".")[0] for name in end.coordinates]  # of `base.x` the part; or `arms`, or `all`
     target = earlier_fields.get("target")
     if target is not None and "base" not in parts_of_target(target):
         wanted = 'a target of "base" in this stage, or coordinates without it'
@@ -370,37 +397,47 @@ def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErr
                 yield ("moving",), expected(f"parts of which the end condition has coordinates: {known}", quoted(part))
 
 
-def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give tolerances and velocities of an end condition in the unit of another kind of coordinate."""
+def _end_unit_faults(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of the units in an end condition, such as a tolerance of an angle that is written in m.
+
+    Args:
+        written: The key `ends_when` of a stage as it is written.
+        earlier_fields: The valid keys of the stage before it.
+        context: What is known of the robot and the rest of the task.
+
+    Yields:
+        Path of the value from `ends_when` on, and its error.
+    """
     space = context.spaces.get(earlier_fields.get("skill", ""))
     if not (context.sizes and space and isinstance(written, Mapping)):
         return
     axes = axes_of(context.sizes, space)
-    units = AsWritten(context.sliding, "error")
     names_of_rows = written.get("coordinates", ())
     chosen = [names_of_rows] if isinstance(names_of_rows, str) else names_of_rows
     every_row = [(part, axis) for part in axes for axis in axes[part]]
-    asked = [
+    bounded = [
         row for row in every_row if {"all", ".".join(row)} & {*chosen} or any(stands_for(n, row[0]) for n in chosen)
     ]
-    rates = AsWritten(context.sliding, "velocity")
-    for key, of_key in (("tolerance", units), ("velocity", units), ("moving", rates)):
+    units_of_errors = AsWritten(context.sliding, "error")
+    units_of_rates = AsWritten(context.sliding, "velocity")
+    units_by_key = {"tolerance": units_of_errors, "velocity": units_of_errors, "moving": units_of_rates}
+    for key, units in units_by_key.items():
         numbers = written.get(key)
         if isinstance(numbers, Mapping):
-            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=of_key))
-        else:
-            yield from unit_misfits((key,), numbers, asked, units)
+            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=units))
+        else:  # one number for all coordinates that the end condition bounds
+            yield from unit_misfits((key,), numbers, bounded, units_of_errors)
 
 
-def _one_way(priority: float, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a priority beside comparisons."""
+def _priority_faults(priority: float, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors for a priority beside comparisons."""
     if context.file.value(("priorities",)) is not None:
         found = '"priority" at a stage and "priorities" in the task'
         yield (), expected("one or the other", found, at_key=True)
 
 
-def _one_end(at: float | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a stage without an end, or with two."""
+def _count_of_ends_faults(at: float | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors for a stage without an end, or with two."""
     if "ends_when" in earlier_fields:
         last = earlier_fields.get("name") == context.stages[-1]
         ends = [key for key, end in (("ends_when", earlier_fields["ends_when"]), ("at", at)) if end is not None]
@@ -419,17 +456,27 @@ class RetrySpec(Spec):
     )
 
 
-def _retry(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give another try of a stage that neither takes nor holds an object with a mass, and one from a later stage.
+def _retry_faults(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of `if_missed`, by which the mission returns to an earlier stage if the object is missed or lost.
 
-    Also a timeout of a stage that holds the object already, and one before the stage may end.
+    Only the stage that takes an object with a mass can miss it, and only those that hold it can lose it. The stage to
+    return to comes before, and does not hold the object. A timeout is for the stage that takes the object alone, and
+    longer than the stage has to last.
+
+    Args:
+        retry: The valid key `if_missed` of a stage.
+        earlier_fields: The valid keys of the stage before it.
+        context: What is known of the rest of the task: its object, and the names of its stages in their order.
+
+    Yields:
+        Path of the value from `if_missed` on, and its error.
     """
     target_object = mapping(context.file.value(("object",)))
     if not target_object.get("mass"):
         yield (), expected('an "object" with a mass', "no such object", at_key=True)
         return
     order = context.stages
-    carrying = _carrying(target_object, earlier_fields, context)
+    carrying = _stages_that_carry(target_object, earlier_fields, context)
     if carrying is None:
         return
     if not carrying.taken <= carrying.stage < carrying.let_go:
@@ -455,26 +502,26 @@ class StageSpec(Spec):
 
     name: fields.Name = Field(description="name of the stage")
     skill: _SkillName = Field(description="the skill to run, by name")
-    priority: Annotated[fields.Positive, validated_by(_one_way)] = Field(
+    priority: Annotated[fields.Positive, validated_by(_priority_faults)] = Field(
         1.0, description="relative importance omega, eq. (11)"
     )
-    target: Annotated[Target, validated_by(_target, as_written=True)] = Field(
+    target: Annotated[Target, validated_by(_target_faults, as_written=True)] = Field(
         description="joint: base pose and joint coordinates; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: Annotated[EndCondition, validated_by(_end), validated_by(_end_units, as_written=True)] | None = Field(
-        None, description="the condition that ends the stage, eq. (18)"
-    )
-    at: Annotated[fields.Positive | None, validated_by(_one_end)] = Field(
+    ends_when: (
+        Annotated[EndCondition, validated_by(_end_faults), validated_by(_end_unit_faults, as_written=True)] | None
+    ) = Field(None, description="the condition that ends the stage, eq. (18)")
+    at: Annotated[fields.Positive | None, validated_by(_count_of_ends_faults)] = Field(
         None, validate_default=True, description="fixed time that ends the stage [s], instead of a condition"
     )
     dwell: fields.NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
-    onset: Annotated[_JointNames | None, validated_by(_has_control)] = Field(
+    onset: Annotated[_JointNames | None, validated_by(_onset_faults)] = Field(
         None, description="coordinates whose control marks the stage's actual start"
     )
-    if_missed: fields.Sparse[Annotated[RetrySpec, validated_by(_retry)] | None] = Field(
+    if_missed: fields.Sparse[Annotated[RetrySpec, validated_by(_retry_faults)] | None] = Field(
         None, description="another try where the object is missed at the stage's end, or lost in it; default none"
     )
-    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
+    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility_faults)]] = Field(
         None, description="what moves the base in this stage, instead of the skill's"
     )
     plumes: PlumesOrDefault = Field(None, description="plumes in this stage, instead of the skill's")
@@ -490,7 +537,7 @@ class StageSpec(Spec):
 
 
 def repeated_fixed_times(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give tries that would repeat a stage with a fixed switch time."""
+    """Yield errors for tries that would repeat a stage with a fixed switch time."""
     order = [stage.name for stage in stages]
     for i, stage in enumerate(stages):
         if stage.if_missed is None or stage.if_missed.back_to not in order:
@@ -510,7 +557,7 @@ def _moved_by(stage: StageSpec, earlier_fields: Fields, context: Context) -> Mob
 
 
 def unchanged_momenta(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give ends by a momentum that nothing changes in their stage, or that its mount takes up."""
+    """Yield errors for ends by a momentum that nothing changes in their stage, or that its mount takes up."""
     for i, stage in enumerate(stages):
         bounds = stage.ends_when and stage.ends_when.momentum
         if not bounds:
@@ -527,10 +574,19 @@ AT_REST = 0.01
 """Largest `velocity` of the base with which a stage may end before a mount takes hold of it [m/s, rad/s]."""
 
 
-def unrest_before_mounts(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give stages in which a mount holds a base that the stage before does not leave at rest, and what it cannot hold.
+def mount_faults(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of stages in which a mount holds the base of a robot that moves in other stages.
 
-    Of a robot whose base is fixed in all stages there is nothing to say.
+    A mount takes hold of a base at rest: the stage before has to end so, or the robot has to begin so. A base that is
+    held excludes an object with a mass, estimated masses and routes. A base that is fixed in all stages is no error.
+
+    Args:
+        stages: The valid stages of a task.
+        earlier_fields: The valid keys of the task before them.
+        context: What is known of the robot and the rest of the task.
+
+    Yields:
+        Path of the value from `stages` on, and its error.
     """
     held = [not _moved_by(stage, earlier_fields, context).moves for stage in stages]
     if not context.moved_by.moves or not any(held):
@@ -558,14 +614,17 @@ def unrest_before_mounts(stages: tuple[StageSpec, ...], earlier_fields: Fields, 
     if held[0] and any(earlier_fields.get("initial_velocity", {}).get("base", ())):
         yield at, expected("initial_velocity without base: a mount holds it from the start", found, at_key=True)
     for i in range(1, len(stages)):
-        if held[i] and not held[i - 1] and (missing := _not_at_rest(stages[i - 1], context)):
+        if held[i] and not held[i - 1] and (missing := _lacking_for_rest(stages[i - 1], context)):
             wanted = f"{missing}: in {quoted(stages[i].name)} a mount holds the base, which is at rest before"
             key = "ends_when" if stages[i - 1].ends_when else "name"
             yield (i - 1, key), expected(wanted, f"an end of {quoted(stages[i - 1].name)} in motion", at_key=True)
 
 
-def _not_at_rest(stage: StageSpec, context: Context) -> str:
-    """Return what an end of a stage lacks that leaves the base at rest; empty where it does."""
+def _lacking_for_rest(stage: StageSpec, context: Context) -> str:
+    """Return what the end condition of a stage lacks to leave the base at rest, for a message; empty if it does.
+
+    It has to bound every coordinate of the base and its velocity, by at most `AT_REST`, about rates of 0.
+    """
     end = stage.ends_when
     space = context.spaces.get(stage.skill)
     if not context.sizes or space is None:
@@ -584,10 +643,18 @@ def _not_at_rest(stage: StageSpec, context: Context) -> str:
 
 
 def fixed_time_faults(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Yield the fault of each fixed switch time `at` that cannot be kept. A stage ends at its fixed switch time.
+    """Yield the error of each fixed switch time `at`, at which a stage ends, that cannot be kept.
 
-    It has to leave the stages up to it their dwells and the lengths of their target trajectories, to differ from the
-    fixed switch time before it, and to come before the time limit.
+    A fixed switch time has to leave time for the stages up to it, for their dwells (shortest durations) and the lengths
+    of their target trajectories. It must differ from the fixed switch time before it, and come before the time limit.
+
+    Args:
+        stages: The valid stages of a task.
+        earlier_fields: The valid keys of the task before them.
+        context: The rest of the description, which this rule does not need.
+
+    Yields:
+        Path of the value from `stages` on, and its error.
     """
     limit = earlier_fields.get("time_limit", np.inf)
     earliest = 0.0  # [s] at which the stage can end
@@ -605,7 +672,7 @@ def fixed_time_faults(stages: tuple[StageSpec, ...], earlier_fields: Fields, con
 
 
 def skill_faults(skills: Mapping[str, SkillSpec], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
+    """Yield errors for limits of skills wider than those of task or robot, and inputs that the solver cannot have."""
     controller = earlier_fields.get("controller")
     solver = earlier_fields.get("solver")
     has_levels = bool(controller and controller.traits.has_levels)
@@ -621,7 +688,7 @@ def skill_faults(skills: Mapping[str, SkillSpec], earlier_fields: Fields, contex
 
 
 def _not_in_task_space(context: Context) -> RuleErrors:
-    """Give why the accelerations of a robot's poses cannot be the control of its windows."""
+    """Yield errors where the accelerations of a robot's poses cannot be the control of its windows."""
     at = ("input",)
     rows_of_pose = context.sizes.get("base", 0)  # as many as the base has coordinates
     if not context.is_always_actuated:

@@ -52,7 +52,7 @@ from psmpc_cli.specs.parts import (
     in_joint_space,
     stands_for,
 )
-from psmpc_cli.specs.priorities import disagreements
+from psmpc_cli.specs.priorities import comparison_faults
 from psmpc_cli.specs.robots.robot import LimitsByPart, PartLimits, RobotSpec, limits_of_part, wider
 from psmpc_cli.specs.stages import (
     PlumesOrDefault,
@@ -60,10 +60,10 @@ from psmpc_cli.specs.stages import (
     StageName,
     StageSpec,
     fixed_time_faults,
+    mount_faults,
     repeated_fixed_times,
     skill_faults,
     unchanged_momenta,
-    unrest_before_mounts,
 )
 from psmpc_cli.specs.uncertainty import StateNoiseSpec, UncertaintySpec
 
@@ -159,7 +159,7 @@ class LogSpec(Spec):
 def _own_names(
     key: str, entries: tuple[StageSpec | MonitorSpec | ObstacleSpec, ...], earlier_fields: Fields, context: Context
 ) -> RuleErrors:
-    """Give names of entries of a list that an earlier entry has."""
+    """Yield errors for names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
     for i, entry in enumerate(entries):
         if first.setdefault(entry.name, i) != i:
@@ -168,7 +168,7 @@ def _own_names(
 
 
 def _may_have_routes(routes: RoutesSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give routes of a robot that cannot follow them, or round nothing."""
+    """Yield errors for routes of a robot that cannot follow them, or round nothing."""
     if any(traits.reacts for traits in context.mobilities):
         yield (), expected("none: the base moves as the arms move it, of which routes know nothing", at_key=True)
     stages = earlier_fields.get("stages", ())
@@ -181,7 +181,7 @@ def _may_have_routes(routes: RoutesSpec, earlier_fields: Fields, context: Contex
 
 
 def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give obstacles with names that parts of the robot have, or the object."""
+    """Yield errors for obstacles with names that parts of the robot have, or the object."""
     taken = [*context.sizes, OBJECT]
     for i, obstacle in enumerate(obstacles):
         if obstacle.name in taken:
@@ -189,12 +189,24 @@ def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], earlier_fields: Fields,
 
 
 def _within_the_robots(limits: Mapping[str, PartLimits], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give limits of a task that are wider than its robot's."""
+    """Yield errors for limits of a task that are wider than its robot's."""
     yield from wider(limits, {"the robot's": context.robot_limits}, context.sizes)
 
 
-def _monitor(monitor: MonitorSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a monitor that bounds nothing or is about the wrong number of frames."""
+def _monitor_faults(monitor: MonitorSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of a monitor, by which a task judges a measured quantity of a run.
+
+    It has to bound something, and to be about frames or parts that exist: two for a distance, one for a speed, and none
+    or two for a clearance, which has to be kept somewhere in its stage.
+
+    Args:
+        monitor: A valid entry of the key `monitors` of a task.
+        earlier_fields: The valid keys of the task before it.
+        context: What is known of the robot and the rest of the task.
+
+    Yields:
+        Path of the value from the entry on, and its error.
+    """
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
         yield (), expected(f"one of {', '.join(bounds)}", "no bound", at_key=True)
@@ -203,15 +215,15 @@ def _monitor(monitor: MonitorSpec, earlier_fields: Fields, context: Context) -> 
     unknown = [i for i, name in enumerate(monitor.of) if valid and name not in valid]
     yield from ((("of", i), flaw(choice(monitor.of[i], valid))) for i in unknown)
     if is_clearance:
-        yield from _monitored_clearance(monitor, earlier_fields)
+        yield from _monitored_clearance_faults(monitor, earlier_fields)
         return
     number = 2 if monitor.quantity == "distance" else 1
     if not (unknown or len(monitor.of) == len(set(monitor.of)) == number):
         yield ("of",), expected("two different frames for a distance, one for a speed")
 
 
-def _monitored_clearance(monitor: MonitorSpec, earlier_fields: Fields) -> RuleErrors:
-    """Give a monitor of a clearance that is not about two parts, or of a stage in which nothing keeps clear."""
+def _monitored_clearance_faults(monitor: MonitorSpec, earlier_fields: Fields) -> RuleErrors:
+    """Yield errors for a monitor of a clearance not about two parts, or of a stage in which nothing keeps clear."""
     if len(monitor.of) not in (0, 2):
         yield ("of",), expected("two parts for a clearance, or [] for all pairs")
     if not ("stages" in earlier_fields and "clearance" in earlier_fields):
@@ -222,8 +234,21 @@ def _monitored_clearance(monitor: MonitorSpec, earlier_fields: Fields) -> RuleEr
         yield ("quantity",), expected(f"{wanted}: nothing keeps clear there")
 
 
-def _uncertainty(spec: UncertaintySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
+def _uncertainty_faults(spec: UncertaintySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of a task's uncertainty: what the plant, the object or the controller make impossible.
+
+    Errors are a delay beyond the horizon; anything but noise and delays with a plant without forces; an impulse after
+    the time limit or on a fixed base; a payload without an object, or beside the mass of an object; a payload whose
+    load is estimated along with masses; errors of an object without a mass; and shares of limits that there are not.
+
+    Args:
+        spec: The valid key `uncertainty` of a task.
+        earlier_fields: The valid keys of the task before it.
+        context: What is known of the robot and the rest of the task.
+
+    Yields:
+        Path of the value from `uncertainty` on, and its error.
+    """
     controller = earlier_fields.get("controller")
     plant = earlier_fields.get("plant")
     if controller is not None and spec.delay >= controller.horizon:
@@ -250,16 +275,28 @@ def _uncertainty(spec: UncertaintySpec, earlier_fields: Fields, context: Context
     if spec.object and not has_mass:
         yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
     yield from (
-        _shares_of_no_limit(spec.force_share, earlier_fields["limits"], context) if "limits" in earlier_fields else ()
+        _force_share_faults(spec.force_share, earlier_fields["limits"], context) if "limits" in earlier_fields else ()
     )
 
 
-def _shares_of_no_limit(
+def _force_share_faults(
     given: float | Mapping[str, tuple[float, ...]], limits: Mapping[str, PartLimits], context: Context
 ) -> RuleErrors:
-    """Give shares other than 1 of the force limits of parts whose force neither the robot nor the task limits."""
-    layers = (context.robot_limits, limits)
-    limited = [part for part in context.sizes if any(limits_of_part(each, part, "force") for each in layers)]
+    """Yield errors of `force_share`, the part of a force limit that actuators really give, where there is no limit.
+
+    A share of 1 is no error anywhere.
+
+    Args:
+        given: One share for the whole robot, or shares by part.
+        limits: Limits of the task.
+        context: What is known of the robot, with its own limits.
+
+    Yields:
+        Path of the value from `uncertainty` on, and its error.
+    """
+    sources = (context.robot_limits, limits)
+    # the parts with a force limit, from which the base is taken if nothing turns it
+    limited = [part for part in context.sizes if any(limits_of_part(source, part, "force") for source in sources)]
     if not any(traits.is_turned for traits in context.mobilities):
         limited = [part for part in limited if part != "base"]
     by_part = given if isinstance(given, Mapping) else {"robot": (given,)}
@@ -272,11 +309,11 @@ def _shares_of_no_limit(
             yield ("force_share", *where), expected(wanted)
 
 
-_Monitor = Annotated[MonitorSpec, validated_by(_monitor)]
+_Monitor = Annotated[MonitorSpec, validated_by(_monitor_faults)]
 
 
 def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a prior of a load where none is to be found out."""
+    """Yield errors for a prior of a load where none is to be found out."""
     controller = earlier_fields.get("controller")
     estimated = target_object.grasp is not None and target_object.grasp.is_estimated
     payload = context.file.value(("uncertainty", "payload", "known"))
@@ -288,7 +325,7 @@ def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context:
 
 
 def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give monitors with the name of what is judged besides."""
+    """Yield errors for monitors with the name of what is judged besides."""
     keeps_clear = earlier_fields.get("clearance") or any(stage.clearance for stage in earlier_fields.get("stages", ()))
     target_object = earlier_fields.get("object")
     taken = [NOTHING_TOUCHED] if keeps_clear else []
@@ -299,7 +336,7 @@ def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, 
 
 
 def _fixed_base_rests(velocity: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give an initial velocity of a base that stands still."""
+    """Yield errors for an initial velocity of a base that stands still."""
     if any(velocity.get("base", ())) and not context.moved_by.moves:
         yield ("base",), expected("zeros, or no base: it is fixed")
 
@@ -338,10 +375,10 @@ class TaskSpec(Spec):
         validated_by(partial(_own_names, "stages")),
         validated_by(fixed_time_faults),
         validated_by(unchanged_momenta),
-        validated_by(unrest_before_mounts),
+        validated_by(mount_faults),
         validated_by(repeated_fixed_times),
     ] = Field(description="the stages in their order")
-    priorities: Annotated[PrioritiesSpec, validated_by(disagreements)] | None = Field(
+    priorities: Annotated[PrioritiesSpec, validated_by(comparison_faults)] | None = Field(
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
@@ -359,7 +396,7 @@ class TaskSpec(Spec):
     routes: fields.Sparse[Annotated[RoutesSpec, validated_by(_may_have_routes)] | None] = Field(
         None, description="routes round what blocks the straight motion to a target; default none"
     )
-    uncertainty: Annotated[UncertaintySpec, validated_by(_uncertainty)] = Field(
+    uncertainty: Annotated[UncertaintySpec, validated_by(_uncertainty_faults)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
     monitors: Annotated[

@@ -67,7 +67,7 @@ class ImpulseSpec(Spec):
 
 
 def _whole(share: float | Mapping[str, float] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give shares of a payload whose sum over the arms is not 1, but for the digits they are written with."""
+    """Yield errors for shares of a payload whose sum over the arms is not 1, but for rounding."""
     arms = [part for part in context.sizes if part != "base"]
     by_arm = share if isinstance(share, Mapping) else {"arms": share}
     own = [by_arm.get(arm, by_arm.get("arms")) for arm in arms]
@@ -124,7 +124,7 @@ def _all_one(shares: float | Mapping[str, tuple[float, ...]]) -> bool:
 
 
 def _in_seconds(delay: object, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a delay without a unit, which once was a number of samples."""
+    """Yield errors for a delay without a unit, which once was a number of samples."""
     if isinstance(delay, int | float) and not isinstance(delay, bool) and delay > 0:
         sample_time = context.file.value(("controller", "sample_time"))
         length = sample_time if isinstance(sample_time, int | float) else 0.1

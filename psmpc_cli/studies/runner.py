@@ -425,7 +425,7 @@ def compute(
                 for call in calls:
                     call.add_done_callback(ended_calls.put)
                 while calls:
-                    interruption.check()
+                    interruption.raise_if_signalled()
                     wait()
                     try:
                         call = ended_calls.get(timeout=POLL)

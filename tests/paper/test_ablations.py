@@ -12,13 +12,13 @@ from psmpc_cli.paper.ablations import (
     PROMINENT,
     Ablation,
     SwitchWindow,
-    instant_grid,
-    minima,
-    on_mesh,
-    optimize_instants,
+    errors_on_mesh,
     pick_window,
     run_ablations,
-    scan_instants,
+    scan_switch_times,
+    switch_time_grid,
+    switch_times_from_guesses,
+    switch_times_of_minima,
 )
 from psmpc_cli.paper.figures import save_ablation
 from psmpc_cli.simulation.run import simulate
@@ -100,7 +100,7 @@ def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:
 
 def test_j_at_the_optimal_instant_is_the_optimum(one: SwitchWindow, log: Run) -> None:
     instant = one.plan.switch_times - one.window.start
-    switch_times, cost = scan_instants(one, instant)
+    switch_times, cost = scan_switch_times(one, instant)
     sample = int(np.argmin(np.abs(log.time - one.window.start)))
     largest = max(log.stages["priority"])
     J = np.interp(instant, switch_times, cost + one.window.pending_cost * switch_times)
@@ -108,7 +108,7 @@ def test_j_at_the_optimal_instant_is_the_optimum(one: SwitchWindow, log: Run) ->
 
 
 def test_the_scan_ends_at_the_earliest_feasible_instant(one: SwitchWindow) -> None:
-    switch_times, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
+    switch_times, cost = scan_switch_times(one, switch_time_grid(one.window.horizon, 8))
     target = one.window.stages[0]
     away = (
         np.abs(one.problem.costs.errors(target, one.window.x0[None])[0, list(target.end.rows)]) - target.end.tolerance
@@ -120,18 +120,18 @@ def test_the_scan_ends_at_the_earliest_feasible_instant(one: SwitchWindow) -> No
 
 
 def test_with_the_pending_cost_every_guess_leads_to_the_scan_s_minimum(one: SwitchWindow) -> None:
-    switch_times, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
-    found = optimize_instants(one, 1.0)
+    switch_times, cost = scan_switch_times(one, switch_time_grid(one.window.horizon, 8))
+    found = switch_times_from_guesses(one, 1.0)
     assert np.ptp(found) < 1e-3
     best = switch_times[np.argmin(cost + switch_times)]
     assert found[0] == pytest.approx(best, abs=0.05)
 
 
 def test_eulers_error_is_of_first_order_and_the_exact_one_has_none(one: SwitchWindow) -> None:
-    (coarse, missed), (fine, _) = (on_mesh(one, nodes, "euler") for nodes in (20, 40))
+    (coarse, missed), (fine, _) = (errors_on_mesh(one, nodes, "euler") for nodes in (20, 40))
     assert coarse / fine == pytest.approx(2, rel=0.2)
     assert missed > 1.2
-    error, met = on_mesh(one, 20, "exact")
+    error, met = errors_on_mesh(one, 20, "exact")
     assert error < 1e-9
     assert met <= 1 + 1e-4
 
@@ -148,4 +148,4 @@ def test_eulers_error_is_of_first_order_and_the_exact_one_has_none(one: SwitchWi
     ],
 )
 def test_minima_are_found_the_lowest_first_and_shallow_ones_left_out(cost: list[float], found: list[float]) -> None:
-    assert minima(np.arange(len(cost)), np.array(cost)).tolist() == found
+    assert switch_times_of_minima(np.arange(len(cost)), np.array(cost)).tolist() == found

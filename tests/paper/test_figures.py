@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from psmpc_cli.logs.run import Run
-from psmpc_cli.paper.figures import ABLATIONS, SMALLEST, plot_monitors, plot_presence, plot_schedule, waits
+from psmpc_cli.paper.figures import ABLATIONS, SMALLEST, has_waiting_stage, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.specs.library import find
 
 from ..figures.figure_contents import check_figure, common_legend, curves, points
@@ -49,8 +49,8 @@ def test_presence_is_drawn_where_a_stage_waits(load: Load, kind: str, scale: str
 
 
 def test_only_a_run_in_which_a_stage_waits_has_a_figure_of_presence(run: Run) -> None:
-    assert waits(waiting(run))
-    assert not waits(run)
+    assert has_waiting_stage(waiting(run))
+    assert not has_waiting_stage(run)
 
 
 def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, run: Run) -> None:

@@ -70,7 +70,7 @@ class SpatialThruster(Thruster):
 
 
 def _can_fire(thrusters: tuple[Thruster, ...], earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give thrusters without a direction, and those whose smallest force is above the largest."""
+    """Yield errors for thrusters without a direction, and those whose smallest force is above the largest."""
     for i, thruster in enumerate(thrusters):
         if not any(thruster.direction):
             yield (i, "direction"), expected("a direction, at least one number other than 0")
@@ -86,7 +86,7 @@ SpatialThrusters = Annotated[tuple[SpatialThruster, ...], validated_by(_can_fire
 
 
 def _has_room(period: float | None, earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give a period of pulses that none fits into, and one of a robot without thrusters."""
+    """Yield errors for a period of pulses that none fits into, and one of a robot without thrusters."""
     thrusters: tuple[Thruster, ...] = earlier_fields.get("thrusters", ())
     if period is None or "thrusters" not in earlier_fields:
         return
@@ -134,7 +134,7 @@ class SpatialWheel(Wheel):
 
 
 def _can_turn(wheels: tuple[Wheel, ...], earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give wheels without an axis, those that begin with more than they can store, or unload by more than they can."""
+    """Yield errors for wheels without an axis, initial momenta beyond the largest, and unloading beyond the torque."""
     for i, wheel in enumerate(wheels):
         if not any(wheel.direction):
             yield (i, "axis"), expected("a direction, at least one number other than 0")

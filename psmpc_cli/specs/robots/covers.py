@@ -80,10 +80,10 @@ def cover_box(edges: Sequence[float]) -> Cover:
     Args:
         edges: Lengths along x and y, and in space z [m].
     """
-    return _chosen(list(_covers_of_box(np.array(edges, dtype=float))), max(edges))
+    return _best_cover(list(_covers_of_box(np.array(edges, dtype=float))), max(edges))
 
 
-def _chosen(covers: Sequence[Cover], longest: float) -> Cover:
+def _best_cover(covers: Sequence[Cover], longest: float) -> Cover:
     """Return the cover with the fewest capsules of those with a small excess, or if there are none the least excess."""
     least = min(cover.excess for cover in covers)
     small = [cover for cover in covers if cover.excess <= max(COVER_EXCESS * longest, least) * (1 + 1e-9)]
@@ -91,7 +91,7 @@ def _chosen(covers: Sequence[Cover], longest: float) -> Cover:
 
 
 def _covers_of_box(edges: Array) -> Iterator[Cover]:
-    """Give the covers of a box by up to MOST_CAPSULES capsules along its longest edge, see `cover_box`."""
+    """Yield the covers of a box by up to MOST_CAPSULES capsules along its longest edge, see `cover_box`."""
     along, *across = (int(axis) for axis in np.argsort(-edges, kind="stable"))
     for shares in _grids(len(across)):
         halves = edges[across] / shares / 2
@@ -114,7 +114,10 @@ def _grids(dimension: int) -> list[tuple[int, ...]]:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read the mesh of an STL or OBJ file.
+    """Read the mesh of an STL or OBJ file, which collision shapes of a URDF refer to.
+
+    Vertices at the same place are merged, since STL has three of each triangle. Vertices are read even if the surface
+    is not closed.
 
     Raises:
         SpecError: It is missing, no such file, too large, or has no triangles; the message says what was found.
@@ -134,7 +137,8 @@ def read_mesh(path: Path) -> Mesh:
         largest = float(np.abs(loaded.vertices).max(initial=0.0))  # NaN if any is; processing drops what is not finite
         scale = 1.0
         if largest <= LARGEST:
-            scale = 2.0 ** max(0, np.ceil(np.log2(max(largest, 1.0) / 1e6)))  # beyond, trimesh merges what is apart
+            # beyond coordinates of 1e6 trimesh merges vertices that are apart; a power of 2 does not round them
+            scale = 2.0 ** max(0, np.ceil(np.log2(max(largest, 1.0) / 1e6)))
             loaded.vertices /= scale
             loaded.merge_vertices()
         vertices = scale * np.array(loaded.vertices, dtype=float)
@@ -154,15 +158,20 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def cover_mesh(vertices: Array) -> Cover:
-    """Cover the convex hull of points (., 3) that are not in a line, as a box or by one capsule.
+    """Cover the convex hull of a mesh by few capsules, by which distances of the body are computed.
 
-    A box about them, along the axes or the one of the least volume, is covered as `cover_box` does, or one capsule is
-    along a principal axis of such a box. Of all of them the least number of capsules is taken whose excess is at most
-    COVER_EXCESS times the box's longest edge, and if there is none the cover with the least excess.
+    Two boxes about the hull are tried: along the axes of the mesh, and the one of the least volume. Each gives covers
+    by several capsules, as `cover_box` makes them, and covers by one capsule along an axis of the box. Of all covers
+    whose excess is at most COVER_EXCESS times the longest edge the one with the fewest capsules is taken, and if there
+    is none the cover with the least excess.
 
-    The excess is that beyond the convex hull. The distance to it is convex, so it is largest on the spheres about the
-    ends of the capsules: radius + (signed distance of an end to the hull), which is exact inside the hull, and of ends
-    outside an upper bound.
+    The excess is how far the capsules reach beyond the convex hull. The distance to the hull is a convex function, so
+    it
+    is largest on the spheres about the ends of the capsules: radius + (signed distance of an end to the hull). This is
+    exact for ends inside the hull, and an upper bound for ends outside.
+
+    Args:
+        vertices: Points (., 3) [m] that are not all in one line.
     """
     if len(vertices) > MANY_VERTICES:
         logger.info("covering the convex hull of %d vertices by capsules", len(vertices))
@@ -170,31 +179,42 @@ def cover_mesh(vertices: Array) -> Cover:
     covers = []
     longest = np.inf
     for frame in hull.frames():
-        inside = hull.points @ frame
-        middle = (inside.max(axis=0) + inside.min(axis=0)) / 2
-        edges = np.ptp(inside, axis=0)
+        points = hull.points @ frame  # along the axes of the box
+        middle = (points.max(axis=0) + points.min(axis=0)) / 2
+        edges = np.ptp(points, axis=0)
         longest = min(longest, float(edges.max()))
-        found = [*_covers_of_box(edges), *_capsules_about(inside - middle)]
-        placed = np.eye(4)
-        placed[:3, :3] = frame
-        placed[:3, 3] = frame @ middle
-        covers += [cover.moved(placed) for cover in found]
-    beyond = [cover.radius + max(map(hull.signed_distance, cover.ends.reshape(-1, 3))) for cover in covers]
-    judged = [replace(cover, excess=max(far, 0.0)) for cover, far in zip(covers, beyond, strict=True)]
-    return _chosen(judged, longest)
+        covers_in_box = [*_covers_of_box(edges), *_capsules_around(points - middle)]
+        pose_of_box = np.eye(4)
+        pose_of_box[:3, :3] = frame
+        pose_of_box[:3, 3] = frame @ middle
+        covers += [cover.moved(pose_of_box) for cover in covers_in_box]
+    # the excesses so far are those beyond the boxes
+    excesses = [cover.radius + max(map(hull.signed_distance, cover.ends.reshape(-1, 3))) for cover in covers]
+    covers = [replace(cover, excess=max(excess, 0.0)) for cover, excess in zip(covers, excesses, strict=True)]
+    return _best_cover(covers, longest)
 
 
-def _capsules_about(points: Array) -> Iterator[Cover]:
-    """Give capsules about points (., 3) along each axis, as short as they can be with some radii."""
+def _capsules_around(points: Array) -> Iterator[Cover]:
+    """Yield covers of points by one capsule about each axis through the origin, each as short as its radius allows.
+
+    A capsule of radius r about an axis contains a point at x along and d across the axis if its segment comes within
+    sqrt(r^2 - d^2) of x. A wider capsule may be shorter, so several radii are tried, `WIDER`.
+
+    Args:
+        points: The points (., 3) [m]; the middle of a box about them is the origin.
+
+    Yields:
+        Covers whose excess is not known yet, and is 0.
+    """
     for axis in range(3):
         along = points[:, axis]
         across = np.linalg.norm(np.delete(points, axis, axis=1), axis=1)
-        for wider in WIDER:
-            radius = wider * float(across.max())
+        for factor in WIDER:
+            radius = factor * float(across.max())
             reach = np.sqrt(np.maximum(radius**2 - across**2, 0))
             start = float((along + reach).min())
             end = float((along - reach).max())
-            if end < start:  # a sphere is enough
+            if end < start:  # a sphere anywhere between them is enough
                 start = (start + end) / 2
                 end = start
             ends = np.zeros((1, 2, 3))
@@ -225,7 +245,7 @@ class _Hull:
         self.outermost = _outermost(self.points) if len(self.points) > MOST_POINTS else self.points
 
     def frames(self) -> Iterator[Array]:
-        """Give axes of boxes about it, as columns (3, 3): its own, and those of the box with the least volume."""
+        """Yield axes of boxes about it, as columns (3, 3): its own, and those of the box with the least volume."""
         from trimesh.bounds import oriented_bounds
 
         yield np.eye(3)
@@ -239,18 +259,25 @@ class _Hull:
             yield np.asarray(to_box)[:3, :3].T
 
     def signed_distance(self, point: Array) -> float:
-        """Return the distance of a point (3,), negative inside; outside perhaps a little too large."""
+        """Return the signed distance of a point to the hull [m]: negative inside, 0 on its surface.
+
+        Inside it is exact. Outside it is that to the hull of `outermost`, which may be a little too large.
+
+        Args:
+            point: The point (3,) [m].
+        """
         from scipy.optimize import nnls
 
         if len(self.planes):
             depth = float((self.planes[:, :3] @ point + self.planes[:, 3]).max())
             if depth <= 0:
                 return depth
-        # the nearest point as a mean of the hull's points, whose shares are at least 0 and add up to 1
+        # The nearest point is a mean of the hull's points p_i, sum_i s_i p_i with s_i >= 0 and sum_i s_i = 1. Least
+        # squares minimize |sum_i s_i (p_i - point)|^2 + (weight (sum_i s_i - 1))^2, with a large weight of the sum.
         apart = self.outermost - point
-        heavy = 1e3 * float(np.abs(apart).max())
+        weight = 1e3 * float(np.abs(apart).max())
         try:
-            shares, _ = nnls(np.vstack([apart.T, np.full(len(apart), heavy)]), [0, 0, 0, heavy])
+            shares, _ = nnls(np.vstack([apart.T, np.full(len(apart), weight)]), [0, 0, 0, weight])
         except RuntimeError:  # of a body a million times as long as wide it may not converge
             return float(np.linalg.norm(apart, axis=1).min())
         return float(np.linalg.norm(shares @ apart / shares.sum()))

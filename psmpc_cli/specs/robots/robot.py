@@ -268,33 +268,46 @@ class PartLimits(Spec):
     )
 
 
-def _fit(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
+def _limit_faults(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Yield errors of limits by part, in a robot's file, a task or a skill.
+
+    Parts have to exist, lists to have an entry for each coordinate, and large angles to have a unit. A base without
+    thrusters has no limit of a force, and an attitude in space none of its position.
+
+    Args:
+        written: The limits by part and quantity, as they are written.
+        earlier_fields: The valid keys before it; in a robot's file its arms.
+        context: What is known of the robot; in a robot's file its text alone.
+
+    Yields:
+        Path of the value from `limits` on, and its error.
+    """
     sizes = context.sizes
     sliding = context.sliding
     mobility: str | None = context.mobility
-    if "arms" in earlier_fields:
+    if "arms" in earlier_fields:  # a robot's own file, whose parts no context knows yet
         robot = mapping(context.file.data)
         sliding = _sliding(earlier_fields["arms"])
         sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), earlier_fields["arms"])
         mobility = str(robot.get("mobility", FREE_FLYING))
     axes = axes_of(sizes, "joint")
-    yield from _unknown_parts(written, sizes)
-    free = {name for name, traits in MOBILITIES.items() if not traits.is_turned}
+    yield from _faults_of_unknown_parts(written, sizes)
+    without_force = {name for name, traits in MOBILITIES.items() if not traits.is_turned}
     turned_elsewhere = any(traits.is_turned for traits in context.mobilities)
-    if mobility in free and not turned_elsewhere and written.get("base", {}).get("force") is not None:
+    if mobility in without_force and not turned_elsewhere and written.get("base", {}).get("force") is not None:
         yield ("base", "force"), expected(f"none: a {mobility} base has no thrusters", at_key=True)
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
             yield from length_errors((key, quantity), bounds, key, axes, given, written=AsWritten(sliding, quantity))
-            if key == "base" and quantity == "position" and sizes.get(key) == 6:
+            # the base of a robot in space, with three coordinates of its attitude behind those of its position
+            if key == "base" and quantity == "position" and sizes.get(key) == len(ERROR_AXES[3]):
                 limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
 
 
-def _unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> RuleErrors:
-    """Give keys that name no part of the robot."""
+def _faults_of_unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> RuleErrors:
+    """Yield errors for keys that name no part of the robot."""
     parts = [*sizes, "arms"]
     for key in (key for key in written if sizes and key not in parts):
         yield (key,), flaw(choice(key, parts), "no such part of the robot", at_key=True)
@@ -310,16 +323,16 @@ def _parts(base: int, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
     return {"base": base, **{name: len(arm.links) for name, arm in arms.items()}}
 
 
-LimitsByPart = Annotated[Mapping[str, PartLimits], validated_by(_fit, as_written=True)]
+LimitsByPart = Annotated[Mapping[str, PartLimits], validated_by(_limit_faults, as_written=True)]
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
 
 
 def _fit_joints(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give numbers of arms that the robot does not have, and lists without one number for each joint."""
+    """Yield errors for numbers of arms that the robot does not have, and lists without one number for each joint."""
     if "arms" in earlier_fields:
         sizes = {name: len(arm.links) for name, arm in earlier_fields["arms"].items()}
         axes = axes_of(sizes, "joint")
-        yield from _unknown_parts(written, sizes)
+        yield from _faults_of_unknown_parts(written, sizes)
         for key, numbers in written.items():
             yield from length_errors((key,), numbers, key, axes, written)
 
@@ -337,7 +350,7 @@ def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -
 def wider(
     limits: Mapping[str, PartLimits], outer: Mapping[str, Mapping[str, PartLimits]], sizes: Mapping[str, int]
 ) -> RuleErrors:
-    """Give limits that are wider than outer ones, which are keyed by whose they are."""
+    """Yield errors for limits that are wider than outer ones, which are keyed by whose they are."""
     for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
         given = limits_of_part(limits, part, quantity) or ()
         allowed = limits_of_part(layer, part, quantity) or ()
@@ -417,20 +430,25 @@ class RobotSpec(Spec):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """The joints through which the bodies after the base are carried, in their order."""
+        """The joints through which the bodies after the base are carried, in the order of `bodies`.
+
+        A joint knows the body that carries it by its number in `bodies`, where the base is 0.
+        """
         joints = list[Joint]()
-        last = {"base": 0}
+        body_numbers = {"base": 0}  # by name of the body
         for name, arm in self.arms.items():
-            carrier = last[arm.mount if isinstance(arm.mount, str) else "base"]
+            # in space a mount names a body; in the plane it is a pose on the base
+            carrier = body_numbers[arm.mount if isinstance(arm.mount, str) else "base"]
             links: Sequence[Link | SpatialLink] = arm.links
             rotors = self.armature.get(name) or self.armature.get("arms") or (0.0,) * len(links)
+            # frames has one more than there are links, that of the tool
             for number, (link, frame, rotor) in enumerate(zip(links, arm.frames, rotors, strict=False), start=1):
                 at = Attachment(carrier, *frame)
                 if isinstance(link, SpatialLink):
                     joints.append(Joint(at, link.joint.axis, link.joint.kind == "prismatic", armature=rotor))
                 else:
                     joints.append(Joint(at, armature=rotor))
-                carrier = last[f"{name}.{number}"] = len(joints)
+                carrier = body_numbers[f"{name}.{number}"] = len(joints)  # it carries the next link
         return tuple(joints)
 
     @property
@@ -460,7 +478,7 @@ class PlanarRobot(RobotSpec):
 
 
 def _mounted(arms: Mapping[str, SpatialArm], earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give arms that are mounted on what is not there before them."""
+    """Yield errors for arms that are mounted on what is not there before them."""
     carriers = ["base"]
     for name, arm in arms.items():
         if arm.mount not in carriers:
@@ -496,7 +514,7 @@ class Tip(Spec):
 
 
 def _locked(written: Any, earlier_fields: Fields, urdf: Any) -> RuleErrors:
-    """Give positions of joints in the unit of another kind, and angles without a unit."""
+    """Yield errors for positions of joints in the unit of another kind, and angles without a unit."""
     for name, at in written.items() if isinstance(written, Mapping) else ():
         if name in urdf.joints:
             unit = LENGTH if urdf.joints[name].type.slides else ANGLE
@@ -550,11 +568,20 @@ def inertia_without_wheels(robot: RobotSpec) -> Six:
 
 
 def wheel_faults(robot: RobotSpec, mobilities: Sequence[MobilityTraits]) -> list[str]:
-    """Return what is wrong with the wheels of a robot whose base is moved so in some stage."""
+    """Return what is wrong with the reaction wheels of a robot, as messages; at most one.
+
+    The inertia of a base is given with its wheels locked, so what is left without their own inertia has to be that of a
+    rigid body. Wheels that turn the base by themselves have to turn it about every axis.
+
+    Args:
+        robot: The robot.
+        mobilities: What moves its base in the stages of a task, or as its own file says.
+    """
     if not robot.wheels or not any(moved_by.moves for moved_by in mobilities):
         return []
     xx, yy, zz, xy, xz, yz = inertia_without_wheels(robot)
     left = [zz] if robot.dimension == 2 else np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    # principal moments of a rigid body are positive, and none is larger than the sum of the others, but for rounding
     if left[0] <= 0 or (len(left) == 3 and left[2] > (left[0] + left[1]) * (1 + 1e-6)):
         moments = ", ".join(f"{moment:.3g}" for moment in left)
         return [
@@ -629,6 +656,8 @@ class Limits:
 def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: MobilityTraits | None = None) -> Limits:
     """Intersect the robot's limits with those in `more`, such as a task's and a skill's, for each coordinate.
 
+    The tightest bound of each side counts: windows and plants are given these limits.
+
     Where a base is not actuated its limits are dropped, since other equations say what happens there. Without
     thrusters nothing pushes it, so a limit of its force would bound nothing; likewise of its torque where nothing turns
     it. While a mount holds the base, limits of its acceleration and jerk are dropped: it stops at once where the mount
@@ -643,17 +672,18 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: 
         Lowest and highest value of each quantity, (n,) each; infinite where there is no limit.
     """
     unlimited = (-np.inf, np.inf)
+
+    def pairs_of(limits: Mapping[str, PartLimits], quantity: str) -> list[tuple[float, float]]:
+        """Return (low, high) of a quantity for every coordinate, part by part, from one source of limits."""
+        pairs = list[tuple[float, float]]()
+        for part, size in robot.parts.items():
+            pairs += [pair or unlimited for pair in limits_of_part(limits, part, quantity) or [unlimited] * size]
+        return pairs
+
     bounds: dict[str, Vector] = {}
     for quantity in QUANTITIES:
-        layers = [
-            [
-                pair or unlimited
-                for part, size in robot.parts.items()
-                for pair in limits_of_part(limits, part, quantity) or [unlimited] * size
-            ]
-            for limits in (robot.limits, *more)
-        ]
-        low, high = np.moveaxis(np.array(layers, dtype=np.float64), -1, 0)
+        sources = np.array([pairs_of(limits, quantity) for limits in (robot.limits, *more)], dtype=np.float64)
+        low, high = np.moveaxis(sources, -1, 0)  # from (sources, n, 2) to two of (sources, n)
         bounds[f"{quantity}_low"] = low.max(axis=0)
         bounds[f"{quantity}_high"] = high.min(axis=0)
     moved_by = moved_by or robot.moved_by

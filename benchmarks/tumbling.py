@@ -36,6 +36,9 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
     "psmpc, estimated inertia": {"object.grasp.known": "estimated", "uncertainty.object.mass": 0.5},
 }
 
+COMPARED = ("smpc", "hard, free end")
+"""Controllers that are compared with PSMPC, on those draws alone on which no setting was chosen."""
+
 AT_REST = 0.1
 """Rate below which the satellite is at rest [deg/s]."""
 
@@ -46,7 +49,7 @@ DETUMBLE = 2
 """Index of the stage that brings it to rest."""
 
 CHOSEN_ON = 6
-"""Draws that only PSMPC flies, the first ones: some settings were chosen on them, the others on seeds 100 to 105."""
+"""Draws, the first ones, on which some settings of the task were chosen; the others were chosen on seeds 100 to 105."""
 
 STOPS_WITHIN = 1.1
 """What the satellite takes to come to rest in the task as it stands [s]."""
@@ -138,7 +141,7 @@ def run(count: str, *controllers: str) -> Iterator[str]:
     made = results()
     for seed in range(int(count)):
         for controller in controllers or CONTROLLERS:
-            if seed not in made[controller] and (controller == "psmpc" or seed >= CHOSEN_ON):
+            if seed not in made[controller] and (controller not in COMPARED or seed >= CHOSEN_ON):
                 row = draw(controller, seed)
                 with RESULTS.open("a") as file:
                     file.write(json.dumps(row) + "\n")
@@ -158,7 +161,7 @@ def table() -> Iterator[str]:
         delivered = {seed: row for seed, row in of_one.items() if row["succeeded"]}
         both = [seed for seed in delivered if made["psmpc"].get(seed, {}).get("succeeded")]
         later = [delivered[seed]["time"] - made["psmpc"][seed]["time"] for seed in both]
-        is_compared = later and controller in ("smpc", "hard, free end")
+        is_compared = later and controller in COMPARED
         at_rest = [row["ends"][DETUMBLE] - row["ends"][DETUMBLE - 1] for row in delivered.values()]
         late = sum(row["late"] for row in of_one.values())
         exceeding = sum(row["force"] > FORCE_EXCEEDED for row in of_one.values())

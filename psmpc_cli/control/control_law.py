@@ -137,6 +137,7 @@ class ControlLaw:
         self._tick_offsets = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
         self._held_stages = spec.held_stages
+        self._timeouts = [spec.timeout_of(stage) for stage in range(len(spec.stages))]  # of stages that take the object
         self._has_rates = any(stage.has_rates for stage in problem.stages)
         self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
@@ -383,7 +384,7 @@ class ControlLaw:
         The task sets the timeout in `if_missed`: how long a stage may try to take the object.
         """
         stage = sequence.first
-        if now < sequence.progress.entered + self.problem.spec.timeout_of(stage) - ROUNDING:
+        if now < sequence.progress.entered + self._timeouts[stage] - ROUNDING:
             return None
         return GraspFault(self.problem.body.grippers, FaultKind.TIMED_OUT, stage, now)
 

@@ -281,7 +281,7 @@ POSED = {
 
 
 def posed(*names: str) -> Iterator[str]:
-    """Yield the table of the transport task whose Approach holds the arms stretched, as published, or posed.
+    """Yield the table of the transport task whose Approach holds the arms stretched, as published, or ready.
 
     The names are those of its rows, without any all of them.
     """
@@ -301,7 +301,7 @@ def posed(*names: str) -> Iterator[str]:
             failed = "" if summary.succeeded else ", failed"
             cells += [f"{summary.duration:.1f}{failed}", f"{summary.control_effort:.2f}"]
         rows.append((f"`{name}`", *cells))
-    return markdown(rows, "controller", "stretched: end [s]", "effort", "posed: end [s]", "effort, posed")
+    return markdown(rows, "controller", "stretched: end [s]", "effort", "held ready: end [s]", "effort, held ready")
 
 
 TABLES: Mapping[str, Callable[..., Iterable[str]]] = {

@@ -131,7 +131,7 @@ def plumes() -> Iterator[str]:
                 "impulse [N s]": f"{fired.impulse:.0f}",
                 "of the two towards the panel [N s]": f"{ahead:.0f}",
                 "shut for [s]": f"{max(fired.shut.values(), default=0.0):.1f}" if fired.shut is not None else "",
-                "that no thrusts can give [N s]": f"{fired.refused[0]:.1f}",
+                "impossible [N s]": f"{fired.refused[0]:.1f}",
                 "solves failed": f"{summary.failed_solves} of {summary.solves.count}",
             }
         )

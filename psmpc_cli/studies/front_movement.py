@@ -71,7 +71,7 @@ class FrontMovement:
         """The movement as the ratio grows, as a sentence."""
         return (
             f"with growing omega_2/omega_1 the optimum moves to the upper left at {self.moving} of {len(self.against)} "
-            f"samples (against it at most {max(self.against):.1g} of a front)"
+            f"samples (largest step back {max(self.against):.1g} of a front)"
         )
 
     @property

@@ -1,7 +1,7 @@
 """Tables of docs/reproduce.md and docs/departures.md: the task as printed, each departure, and what a start is.
 
 python benchmarks/as_printed.py claims               claims that hold by setting, as shipped and as printed; minutes
-python benchmarks/as_printed.py departures [NODES]   each departure alone, from as printed and from as shipped; minutes
+python benchmarks/as_printed.py departures [NODES ...]   each departure alone, from as printed and from as shipped; minutes
 python benchmarks/as_printed.py starts [NODES]       claims that hold by each definition of a start; minutes
 python benchmarks/as_printed.py figure6 [GRID] [NODES]   Fig. 6 by each definition of a start; minutes
 """
@@ -72,37 +72,28 @@ def _counts() -> Iterator[dict[str, str]]:
         }
 
 
-def departures(nodes: str = "25") -> Iterator[str]:
-    """Yield the table of the runs of PSMPC with each departure switched alone, first from as printed."""
-    return markdown(_of_departures(nodes))
+def departures(*nodes: str) -> Iterator[str]:
+    """Yield the table of the runs of PSMPC with each departure switched alone, for each number of intervals."""
+    return markdown(_of_departures(nodes or ("25", "100")))
 
 
-def _of_departures(nodes: str) -> Iterator[dict[str, str]]:
+def _of_departures(meshes: Sequence[str]) -> Iterator[dict[str, str]]:
     for base, name in ((PRINTED, "as printed"), (SHIPPED, "as shipped")):
         for departure in (None, *DEPARTURES):
-            task = load_variant(base, departure, (f"controller.nodes={nodes}", *BRIEF))
             if departure is None:
                 run = name
             else:
                 run = f"{name}, but {departure.name if base == PRINTED else departure.as_paper}"
-            yield {"run": run, "N_s": nodes, **_row(psmpc.simulate(task))}
-
-
-def _row(run: psmpc.Run) -> dict[str, str]:
-    """Return what the table says of a run."""
-    summary = run.summary()
-    ends = [stage.switch_time for stage in summary.stages]
-    starts = [stage.actual_start for stage in summary.stages[1:]]
-    return {
-        "stages end [s]": _times(ends, 2),
-        "Capture, Transport, Release start [s]": _times(starts, 1),
-        "mission": "succeeds" if summary.succeeded else "fails" if summary.completed else "stops",
-        "failed solves": str(summary.failed_solves),
-    }
+            row = {"run": run}
+            for nodes in meshes:
+                stages = psmpc.simulate(load_variant(base, departure, (f"controller.nodes={nodes}", *BRIEF))).summary().stages
+                row[f"ends, N_s = {nodes} [s]"] = _times([stage.switch_time for stage in stages], 2)
+                row[f"starts, N_s = {nodes} [s]"] = _times([stage.actual_start for stage in stages[1:]], 1)
+            yield row
 
 
 def _times(times: Sequence[float], digits: int) -> str:
-    """Write times [s], and of what did not happen that it never does."""
+    """Write times [s], and "never" for what did not happen."""
     return ", ".join(f"{time:.{digits}f}" if np.isfinite(time) else "never" for time in times)
 
 
@@ -154,7 +145,7 @@ def _along_ratio(cells: SweepCells, epsilon: float) -> dict[str, str]:
     return {
         "ratios, ended": f"{len(runs)} of {len(cells.run_by_ratio)}",
         **{f"start at {wanted:g} [s]": _at(ratio, start, wanted) for wanted in (1e-6, 1e-2, 1.0, 1e2, 1e6)},
-        "stays within a sample from": f"{ratio[settled]:.2g}",
+        "settled from ratio": f"{ratio[settled]:.2g}",
         "`t_s` there [s]": f"{cells.first_switch[runs][settled]:.2f}",
         "`t_s - T_h` there [s]": f"{cells.earliest_start[runs][settled]:.2f}",
     }

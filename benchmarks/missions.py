@@ -26,7 +26,7 @@
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift  the same by what else the controller does not know
-    loads       missions of `plane` with an object of 5 to 60 kg whose mass is estimated, or known: 50 missions
+    loads       missions of `plane` with an object of 5 to 60 kg whose mass is estimated, or known: 45 missions
     delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 17 missions
     delay_tour  tours of the planar robot, the same: 12 tours
     delay_others  missions of `plane` by some of these delays under every controller: 10 missions
@@ -540,7 +540,7 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "delay": ("plane", ("psmpc",), range(17)),
     "delay_tour": ("tour", ("psmpc",), range(12)),
     "delay_others": ("plane", PLANNED, range(10)),
-    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 50)),
+    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 45)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }

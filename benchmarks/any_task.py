@@ -725,12 +725,12 @@ def summary() -> Iterator[str]:
     quiet = [row["end_error"] for row in succeeded if not row["noise"]]
     yield f"{len(rows)} tasks, {len(succeeded)} missions succeeded, {sum(row['time'] for row in rows) / 3600:.1f} h"
     yield f"ended after {LONGEST:g} s: {sum('cut_off' in row for row in rows)}"
-    yield f"faults: {dict(Counter(fault for row in rows for fault in row['faults'])) or 'none'}"
+    yield f"defects: {dict(Counter(fault for row in rows for fault in row['faults'])) or 'none'}"
     yield f"longest time without a line: {max(row['silence'] for row in rows):.0f} s"
     yield f"ended by SIGTERM: {len(struck)}, the slowest in {max(struck, default=0):.1f} s"
     yield f"end error over tolerance, no noise: {len(quiet)}, at most {max(quiet, default=0):.6f}"
     within = sum(row["end_error"] <= 1 for row in noisy)
-    yield f"end error over tolerance and 2 sigma, with noise: within in {within} of {len(noisy)}"
+    yield f"end error over tolerance and 2 sigma, with noise: at most 1 in {within} of {len(noisy)}"
     positions = [row["beyond_position"] for row in rows if "beyond_position" in row]
     rates = [row["beyond_rate"] for row in rows if "beyond_rate" in row and "space" in row["what"]]
     yield f"plans beyond limits of positions: {len(positions)} runs, at most {max(positions, default=0):.1e}"

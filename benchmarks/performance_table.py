@@ -336,7 +336,7 @@ def derivatives(repeat: str = "50") -> Iterator[str]:
         "free: Pinocchio / tape",
         "tapes: held / free",
         "held: CasADi's interpreter / tape",
-        "Pinocchio, free / tape, held",
+        "Pinocchio on the free robot / tape with the load",
     )
 
 

@@ -185,16 +185,18 @@ def outputs(folder: Path) -> Iterator[Line]:
     gone.mkdir()
     unwritable = Path("/sys") if os.access(closed, os.W_OK) else closed  # where root, too, can make no file
     yield written("the log exists already", taken)
-    yield written("the log is /dev/full", Path("/dev/full"))
+    yield written("the log is a device, /dev/full, with --force", Path("/dev/full"), options=("--force",))
     yield written("a directory that takes no files", unwritable / "log.h5")
     yield written("the disk is full after 3.5 MB", folder / "full.h5", limit=3_500_000)
     yield written("the directory is removed during the run", gone / "log.h5", removed=True)
 
 
-def written(name: str, log: Path, limit: int = resource.RLIM_INFINITY, removed: bool = False) -> Line:
+def written(
+    name: str, log: Path, limit: int = resource.RLIM_INFINITY, removed: bool = False, options: Sequence[str] = ()
+) -> Line:
     """Run the transport task into a log that may grow no larger [bytes], or whose directory is removed meanwhile."""
     before = log.read_bytes() if log.is_file() else b""
-    command = [*PSMPC, *arguments(log, SQP)]
+    command = [*PSMPC, *arguments(log, SQP), *options]
     limited = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=limited) as child:
         if removed:

@@ -54,6 +54,9 @@ BOUNDS = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g
 STATED_DEFAULT = re.compile(r"[;,] (?:by )?default:? ([^;]+)$")
 """What a description says at its end of a key that is not given."""
 
+LEADING = ("name", "description", "urdf", "base", "arms")
+"""Keys of robots that stand first in a table: a class has those of its parent first."""
+
 SECTIONS = {
     model: section
     for section, models in {
@@ -77,10 +80,21 @@ SECTIONS = {
         "#obstacles-and-clearance": "ObstacleSpec ClearanceSpec RoutesSpec",
         "#uncertainty": "ObjectErrorSpec UncertaintySpec FrictionSpec StateNoiseSpec NoiseSpec ImpulseSpec PayloadSpec",
         "#published-and-log": "PublishedRun LogSpec",
-        "#bodies": "Base Arm Mount Link Tool",
-        "#spatial-robots": "SpatialBase SpatialArm SpatialLink SpatialJoint SpatialTool",
-        "#wheels": "Wheel SpatialWheel",
-        "#thrusters": "PlanarThruster SpatialThruster Plume",
+        "#base-keys": "Base",
+        "#arm-keys": "Arm",
+        "#mount-keys": "Mount",
+        "#link-keys": "Link",
+        "#tool-keys": "Tool",
+        "#spatial-base-keys": "SpatialBase",
+        "#spatial-arm-keys": "SpatialArm",
+        "#spatial-link-keys": "SpatialLink",
+        "#spatial-joint-keys": "SpatialJoint",
+        "#spatial-tool-keys": "SpatialTool",
+        "#wheel-keys": "Wheel",
+        "#spatial-wheel-keys": "SpatialWheel",
+        "#thruster-keys": "PlanarThruster",
+        "#spatial-thruster-keys": "SpatialThruster",
+        "#plume-keys": "Plume",
         "#your-own-urdf": "Tip",
     }.items()
     for model in models.split()
@@ -95,7 +109,9 @@ def keys(name: str) -> Iterator[str]:
         models |= models_of(root)
     ways = [models[name], *models[name].get("anyOf", ())]
     mapping = next(way for way in ways if "properties" in way)
-    rows = (_row(key, value, mapping) for key, value in mapping["properties"].items())
+    properties = mapping["properties"]
+    order = [*LEADING, *(key for key in properties if key not in LEADING)]
+    rows = (_row(key, properties[key], mapping) for key in order if key in properties)
     return markdown(rows, "key", "value", "unit", "default", "meaning")
 
 

@@ -101,7 +101,9 @@ class PlacedShape(Spec):
     """A shape on a body of a robot."""
 
     shape: OneShape = Field(description="sphere, capsule or box")
-    pose: PoseNumbers | None = Field(None, description="pose of its frame in that of the body; default the body's frame")
+    pose: PoseNumbers | None = Field(
+        None, description="pose of its frame in that of the body; default the body's frame"
+    )
 
 
 def _faults_of_body_shapes(

@@ -1,7 +1,7 @@
 """Tables of docs/reproduce.md and docs/departures.md: the task as printed, each departure, and what a start is.
 
 python benchmarks/as_printed.py claims               claims that hold by setting, as shipped and as printed; minutes
-python benchmarks/as_printed.py departures [NODES ...]   each departure alone, both ways; minutes
+python benchmarks/as_printed.py departures [NODES ...]   each departure alone, as printed and as shipped; minutes
 python benchmarks/as_printed.py starts [NODES]       claims that hold by each definition of a start; minutes
 python benchmarks/as_printed.py figure6 [GRID] [NODES]   Fig. 6 by each definition of a start; minutes
 """
@@ -86,11 +86,8 @@ def _of_departures(meshes: Sequence[str]) -> Iterator[dict[str, str]]:
                 run = f"{name}, but {departure.name if base == PRINTED else departure.as_paper}"
             row = {"run": run}
             for nodes in meshes:
-                stages = (
-                    psmpc.simulate(load_variant(base, departure, (f"controller.nodes={nodes}", *BRIEF)))
-                    .summary()
-                    .stages
-                )
+                variant = load_variant(base, departure, (f"controller.nodes={nodes}", *BRIEF))
+                stages = psmpc.simulate(variant).summary().stages
                 row[f"ends, N_s = {nodes} [s]"] = _times([stage.switch_time for stage in stages], 2)
                 row[f"starts, N_s = {nodes} [s]"] = _times([stage.actual_start for stage in stages[1:]], 1)
             yield row

@@ -265,10 +265,22 @@ def missions(where: str = "plane", count: str = "200", *variants: str) -> Iterat
     )
     yield from markdown(rows, "run", *headings)
     yield ""
+    by_reason: dict[str, list[dict[str, Any]]] = {}
     for each in sorted(made, key=lambda each: each["number"]):
         if not each["succeeded"] and each["variant"] == wanted[0]:
-            yield f"- {each['number']}: {each['reason']}; nearest {each['pair']}, {1e3 * each['nearest']:.1f} mm"
+            by_reason.setdefault(each["reason"], []).append(each)
+    for reason, failed in by_reason.items():
+        if len(failed) > MOST_LISTED:
+            distances = [1e3 * each["nearest"] for each in failed]
+            apart = f"nearest parts {min(distances):.1f} to {max(distances):.1f} mm apart"
+            yield f"- {len(failed)} missions: {reason}; {apart}: {', '.join(str(each['number']) for each in failed)}"
+        else:
+            for each in failed:
+                yield f"- {each['number']}: {reason}; nearest {each['pair']}, {1e3 * each['nearest']:.1f} mm"
 
+
+MOST_LISTED = 5
+"""Missions that failed for the same reason which have a line each."""
 
 MOST_ITERATIONS = 1000
 """Iterations of IPOPT: in one of the windows it takes 288 from where `sqp` ends."""

@@ -105,6 +105,11 @@ def test_a_warm_window_without_a_solution_is_solved_once_more_as_a_cold_one(expe
     assert ending.completed
     assert again
     assert all(len(command.switch_times) for command in again)
+    sample_time = usual.controller.problem.spec.controller.sample_time
+    # where a switch is imminent the plan in force makes it
+    solved = [each.solution for each in again if each.switch_times[0] > each.time + sample_time]
+    assert solved
+    assert all(solution.outcome.usable and not solution.warm for solution in solved)
 
 
 class Clocked(Solver):

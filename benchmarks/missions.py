@@ -26,9 +26,9 @@
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift  the same by what else the controller does not know
-    loads       missions of `plane` with an object of 5 to 60 kg whose mass is estimated, or known: 45 missions
-    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 17 missions
-    delay_tour  tours of the planar robot, the same: 12 tours
+    loads       missions of `plane` with an object of 5 to 60 kg whose mass is estimated, or known: 50 missions
+    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 25 missions
+    delay_tour  tours of the planar robot, the same: 25 tours
     delay_others  missions of `plane` by some of these delays under every controller: 10 missions
     timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
@@ -66,6 +66,7 @@ from psmpc_cli.ocp.feasibility.forecast import forecast_configurations, forecast
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.simulation.replay import replay
+from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_robot
 from psmpc_cli.specs.stages import StageSpec
@@ -510,6 +511,11 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
     "delay_others": {
         "none": IMPRECISE,
         **dict(late(seconds) for seconds in (0.1, 0.3)),
+        **dict([late(0.3, JITTER)]),
+        "0.3 s, jitter, `if_missed`": {
+            **late(0.3, JITTER)[1],
+            "stages.capture.if_missed": {"back_to": "approach", "times": 2},
+        },
         NOT_ESTIMATED: {**IMPRECISE, "uncertainty.delay": "0.1 s", "controller.delay": 0},
     },
     "loads": loads(),
@@ -537,10 +543,10 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "masses": ("plane", PLANNED, range(5)),
     "load": ("plane", PLANNED, range(5)),
     "drift": ("plane", PLANNED, range(5)),
-    "delay": ("plane", ("psmpc",), range(17)),
-    "delay_tour": ("tour", ("psmpc",), range(12)),
+    "delay": ("plane", ("psmpc",), range(25)),
+    "delay_tour": ("tour", ("psmpc",), range(25)),
     "delay_others": ("plane", PLANNED, range(10)),
-    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 45)),
+    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 50)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }
@@ -554,7 +560,7 @@ def measure(item: tuple[str, Case, int]) -> Row:
     line = {"family": family, "case": case.name, "seed": seed}
     times = given_times(family, seed) if case.controller.endswith("timed") else {}
     ready = held_ready(draw_mission(family, seed, {})) if case.level == READY else {}
-    true_load = with_mass(results(family)[ESTIMATED_LOAD][seed]["mass"]) if case.level == KNOWN_LOAD else {}
+    true_load = with_mass(drawn_mass(family, seed)) if case.level == KNOWN_LOAD else {}
     run = psmpc.simulate(draw_mission(family, seed, {**case.changes, **times, **ready, **true_load}))
     summary = run.summary()
     ends = np.array([float(stage.switch_time) for stage in summary.stages])
@@ -603,8 +609,13 @@ def delay_off(run: psmpc.Run) -> float | None:
 CARRIED = 3.0
 """Time of carrying after which the estimated load is looked at [s]."""
 
-ESTIMATED_LOAD = "psmpc; load estimated"
-"""Case whose drawn masses `KNOWN_LOAD` has."""
+
+def drawn_mass(family: str, seed: int) -> float:
+    """Return the true mass of the object in a mission where the controller estimates it [kg]."""
+    capture = build_experiment(draw_mission(family, seed, loads()["load estimated"])).capture
+    if capture is None:
+        raise RuntimeError("the mission has no object")
+    return float(capture.body.mass)
 
 
 def load_found(run: psmpc.Run) -> Row:

@@ -231,7 +231,7 @@ class ControlLaw:
             target_object = target_object.carried(time - measured_at, grip_then)
         route = self._guide.updated_progress(memory.route, memory.sequence.first, time, expected, target_object)
         memory = replace(memory, route=route)
-        placement = self._place_stages(memory, time, x_chart, chart, target_object)
+        placement = self._place_stages(memory, time, x_chart, chart, target_object, estimate.speed_reserve)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
         situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
@@ -242,8 +242,8 @@ class ControlLaw:
             memory.estimate,
             measurement.time,
             measurement.state,
-            is_unexplained=memory.sequence.moves_grippers(self.problem.held_stages, memory.time, measurement.time)
-            or self._several_grippers_hold(memory),
+            grippers_moved=memory.sequence.moves_grippers(self.problem.held_stages, memory.time, measurement.time),
+            shares_load=self._several_grippers_hold(memory),
             is_loaded=memory.sequence.first in self.problem.held_stages and not self.problem.law.knows_load,
             actuated=self.problem.model.actuated(self.problem.stages[memory.sequence.first].moved_by),
         )
@@ -299,6 +299,7 @@ class ControlLaw:
         x_chart: np.ndarray,
         chart: Chart,
         target_object: ObjectEstimate,
+        speed_reserve: np.ndarray,
         at_planned_ends: bool = False,
     ) -> Placement:
         """Return all stages of the task with their targets in a chart.
@@ -311,6 +312,7 @@ class ControlLaw:
             x_chart: The state then, in the chart (2n,).
             chart: The chart.
             target_object: What is known of the task's object, to which targets may be relative.
+            speed_reserve: By how much plans stay below limits of velocities, see `Estimate`.
             at_planned_ends: Such targets are where the object is when their stage is planned to end; else where it is
                 at the time.
         """
@@ -324,6 +326,7 @@ class ControlLaw:
             load=memory.load.numbers,
             signs=memory.signs,
             waypoints=memory.route.waypoints,
+            speed_reserve=speed_reserve,
             at_planned_ends=at_planned_ends,
         )
 
@@ -418,7 +421,14 @@ class ControlLaw:
             arguments={},
             route=route,
         )
-        placement = self._place_stages(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
+        placement = self._place_stages(
+            memory,
+            time,
+            situation.x_chart,
+            situation.placement.chart,
+            memory.target_object,
+            situation.estimate.speed_reserve,
+        )
         memory = replace(memory, signs=placement.signs)
         return memory, replace(situation, target_object=memory.target_object, placement=placement)
 
@@ -442,7 +452,13 @@ class ControlLaw:
         placement = situation.placement
         if self._placer.follows_object:
             placement = self._place_stages(
-                memory, time, x_chart, placement.chart, situation.target_object, at_planned_ends=True
+                memory,
+                time,
+                x_chart,
+                placement.chart,
+                situation.target_object,
+                situation.estimate.speed_reserve,
+                at_planned_ends=True,
             )
             memory = replace(memory, signs=placement.signs)
         x_chart = self._with_predicted(memory, time, x_chart)
@@ -517,6 +533,7 @@ class ControlLaw:
             situation.x_chart,
             situation.placement.chart,
             situation.target_object,
+            situation.estimate.speed_reserve,
             at_planned_ends=True,
         )
         return replace(situation, placement=placement.with_arguments(memory.arguments))

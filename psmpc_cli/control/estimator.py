@@ -18,6 +18,12 @@ Masses that are wrong by 10 % and a payload of a tenth of the robot's mass chang
 friction, and what holds the estimate open for new measurements while nothing moves.
 """
 
+SURE = 3.0
+"""A measured velocity that is fewer sigma of its noise from the prediction says nothing of the plan's error."""
+
+RESERVE_DECAY = 0.95
+"""What is left of a reserve of speed after a sample: half of it after 1.4 s at ten samples a second."""
+
 GATE = 5.0
 """A coordinate whose measurement is this many sigma from its prediction has jumped: its estimate starts anew."""
 
@@ -34,6 +40,7 @@ class Estimate:
         velocity: Velocity as measured last (n,); NaN where nothing was measured.
         commands: What was planned and commanded so far.
         delay: What is known of the delay after which commands reach the robot.
+        speed_reserve: By how much plans stay below limits of velocities, (n,) [m/s, rad/s]; (0,) where they do not.
     """
 
     time: float
@@ -43,6 +50,7 @@ class Estimate:
     velocity: np.ndarray
     commands: SentCommands
     delay: DelayEstimate
+    speed_reserve: np.ndarray
 
     def __repr__(self) -> str:
         return f"<Estimate at {self.time:g} s: {self.state}, {self.delay}>"
@@ -79,6 +87,12 @@ class Estimator:
     changed by, less what was commanded, passes a first-order filter: integral action. A base without thrusters has
     none, since nothing can be commanded against it.
 
+    Reserve of speed: measured velocities differ from the plan's where masses are not as described, thrusters fire in
+    pulses, or two hands hold one body. A plan that uses all of a limit is then beyond it as often as not. So plans stay
+    below limits by c times the error e of the predicted velocity, the largest of late:
+
+        e = max(|v - v_before - integral of the planned acceleration| - 3 sqrt(2) sigma, 0),   sigma that of the noise,
+        reserve <- max(c e, 0.95 reserve),   c being `controller.speed_reserve`.
     """
 
     def __init__(
@@ -122,7 +136,8 @@ class Estimator:
         estimate: Estimate | None,
         time: float,
         state: State,
-        is_unexplained: bool = False,
+        grippers_moved: bool = False,
+        shares_load: bool = False,
         is_loaded: bool = False,
         actuated: np.ndarray | None = None,
     ) -> Estimate:
@@ -135,8 +150,10 @@ class Estimator:
             estimate: That of the sample before; None at the first, before which no control was planned or commanded.
             time: Of the measurement [s].
             state: Measured then. Numbers that are not finite were not measured.
-            is_unexplained: The commands do not explain the measured velocities, so that nothing is learned of the
-                delay: grippers close or open, or several of them hold one body.
+            grippers_moved: Grippers have closed or opened since the sample before. Velocities have jumped, so that
+                nothing is learned of the delay, and of how far plans are to stay below limits.
+            shares_load: Several grippers hold one body, which cannot do what they are commanded to do differently:
+                nothing is learned of the delay.
             is_loaded: Grippers hold something that the low-level law does not know, so that accelerations may differ
                 more from the commanded ones.
             actuated: Which velocity coordinates have a force of their own now (n,); by default those that have one in
@@ -144,8 +161,11 @@ class Estimator:
         """
         if estimate is None:
             return self._first_estimate(time, state)
+        is_unexplained = grippers_moved or shares_load
         estimate = replace(
-            estimate, delay=self._delay_after_measurement(estimate, time, state, is_unexplained, is_loaded)
+            estimate,
+            delay=self._delay_after_measurement(estimate, time, state, is_unexplained, is_loaded),
+            speed_reserve=self._speed_reserve_after_measurement(estimate, time, state.v, grippers_moved),
         )
         covariance = estimate.covariance
         disturbance = estimate.disturbance
@@ -180,6 +200,7 @@ class Estimator:
             velocity=state.v,
             commands=commands,
             delay=delay,
+            speed_reserve=np.zeros(n * (self._spec.speed_reserve > 0.0)),
         )
 
     def _delay_after_measurement(
@@ -190,6 +211,23 @@ class Estimator:
             return estimate.delay
         delay = self._delays.unsettled(estimate.delay, time) if is_unexplained else estimate.delay
         return self._delays.after_measurement(delay, time, state.v, estimate.commands, is_loaded)
+
+    def _speed_reserve_after_measurement(
+        self, estimate: Estimate, time: float, v: np.ndarray, grippers_moved: bool
+    ) -> np.ndarray:
+        """Return by how much plans are to stay below limits of velocities after v (n,) is measured at a time [s].
+
+        The formula is the class's. Where a measurement is not finite, the reserve decays.
+        """
+        if not len(estimate.speed_reserve):
+            return estimate.speed_reserve
+        remaining = RESERVE_DECAY * estimate.speed_reserve
+        if grippers_moved:
+            return remaining
+        planned = self._tick * self._accelerations_acting(estimate, estimate.time, time).sum(axis=0)
+        of_noise = SURE * np.sqrt(2 * self._noise[:, 1, 1])  # a difference of two measurements
+        error = np.abs(v - estimate.velocity - planned) - of_noise
+        return np.asarray(np.fmax(self._spec.speed_reserve * error, remaining))
 
     def _accelerations_acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:
         """Return the planned accelerations that act at the ticks between two times [s], (K, n)."""

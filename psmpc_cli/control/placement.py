@@ -74,6 +74,7 @@ class Placer:
         load: np.ndarray,
         signs: Signs,
         waypoints: Mapping[int, np.ndarray],
+        speed_reserve: np.ndarray,
         at_planned_ends: bool = False,
     ) -> Placement:
         """Return the stages of the task with their targets as numbers in the chart, which solvers need.
@@ -92,10 +93,12 @@ class Placer:
             load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; empty where the task says them.
             signs: Signs of the targets' quaternions at the sample before.
             waypoints: By stage index, points of routes as targets, which costs follow while the robot is on a route.
+            speed_reserve: By how much plans are to stay below limits of velocities, (n,) [m/s, rad/s]; (0,) where they
+                need not.
             at_planned_ends: Targets relative to the object are where it is when their stage is planned to end, or at
                 the end of the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
-        stages = self._stages
+        stages: Sequence[PlacedStage] = self._stages
         if self.follows_object:
             stages = self._with_targets_on_object(time, sequence, target_object, at_planned_ends)
         if self._problem.spec.routes is not None:
@@ -114,9 +117,28 @@ class Placer:
             stages = self._with_held_object(stages, time, x, chart, target_object)
         if len(load):
             stages = tuple(stage.with_load(load) for stage in stages)
+        if len(speed_reserve):
+            stages = self._with_speed_reserve(stages, speed_reserve, x, chart)
         posture = model.space.posture(x[model.space.joint_rates])
         charted = tuple(stage.in_chart(chart.anchor, posture, all_signs[stage.index]) for stage in stages)
         return Placement(chart, charted, all_signs)
+
+    def _with_speed_reserve(
+        self, stages: Sequence[PlacedStage], wanted: np.ndarray, x: np.ndarray, chart: Chart
+    ) -> tuple[PlacedStage, ...]:
+        """Return the stages with limits of velocities tightened as far as the measured velocities allow.
+
+        Args:
+            stages: The stages.
+            wanted: By how much limits are to be tighter, (n,) [m/s, rad/s].
+            x: Measured state in the chart (2n,).
+            chart: The chart.
+        """
+        _, v = chart.from_chart(x[None])
+        sample_time = self._problem.spec.controller.sample_time
+        return tuple(
+            stage.with_speed_reserve(stage.limits.speed_reserve(wanted, v[0], sample_time)) for stage in stages
+        )
 
     def sampled_arguments(
         self,

@@ -120,6 +120,9 @@ PAYLOAD = Condition(
     "where the task's uncertainty has a payload",
     lambda recorded: recorded.is_simulated and recorded.task.spec.uncertainty.carried.mass > 0.0,
 )
+SPEED_RESERVE = Condition(
+    "with controller.speed_reserve", lambda recorded: recorded.task.spec.controller.speed_reserve > 0.0
+)
 DISTURBANCE = Condition("with controller.offset_free", lambda recorded: recorded.task.spec.controller.offset_free)
 DELAY = Condition("unless controller.delay is 0", lambda recorded: recorded.task.spec.controller.delay != 0.0)
 MASSES = Condition("with controller.masses: estimated", lambda recorded: recorded.task.spec.finds_masses)

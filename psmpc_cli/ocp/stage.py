@@ -270,11 +270,14 @@ class PlacedStage(Stage):
         object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
         waypoint: For the record: numbers of the point of a route that the cost follows instead of the target; NaN
             where it is the target, empty in a task without routes.
+        speed_reserve: By how much its limits of velocities are tighter than the task's, lower and upper ones, (2, n)
+            [m/s, rad/s]; (2, 0) in a task without such a reserve.
     """
 
     signs: tuple[float, ...] = ()
     object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
     waypoint: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    speed_reserve: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
 
     @property
     def continued(self) -> "PlacedStage":
@@ -299,6 +302,10 @@ class PlacedStage(Stage):
         """Return the stage with the mass and moments that its load is taken to have, see `End`."""
         end = self.end.with_load(numbers)
         return self if end is self.end else self.with_end(end)
+
+    def with_speed_reserve(self, reserve: np.ndarray) -> "PlacedStage":
+        """Return the stage with limits of velocities that are tighter by a reserve, (2, n) [m/s, rad/s]."""
+        return replace(self, limits=self.limits.with_speed_reserve(reserve), speed_reserve=reserve)
 
     def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "PlacedStage":
         """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""

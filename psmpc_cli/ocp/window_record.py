@@ -91,6 +91,10 @@ def _on_route(stage: PlacedStage, waypoint: np.ndarray, reading: _Reading) -> Pl
     return stage.with_waypoint(waypoint if np.isfinite(waypoint).all() else None)
 
 
+def _with_speed_reserve(stage: PlacedStage, numbers: np.ndarray, reading: _Reading) -> PlacedStage:
+    return stage.with_speed_reserve(numbers.reshape(2, -1)) if len(numbers) else stage
+
+
 def _in_chart(stage: PlacedStage, signs: np.ndarray, reading: _Reading) -> PlacedStage:
     space = reading.problem.model.space
     posture = space.posture(reading.frame.Q[space.joint_coordinates])
@@ -123,12 +127,17 @@ _OTHERS = (
         size=lambda stage, problem: len(stage.target) * (problem.spec.routes is not None),
         read=_on_route,
     ),
+    _RecordedPart(
+        numbers=lambda stage: stage.speed_reserve.ravel(),
+        size=lambda stage, problem: 2 * problem.model.n * (problem.spec.controller.speed_reserve > 0.0),
+        read=_with_speed_reserve,
+    ),
 )
 _RECORDED = (_SIGNS, *_OTHERS)
 """The parts in their order; each is of all stages of the window. Signs are read last: they put targets into the chart.
 
 They are the signs of the quaternions in space, states of the object that targets are for, its poses in the gripper that
-holds it, arguments of constraints that samples set, and points of routes that costs follow.
+holds it, arguments of constraints that samples set, points of routes that costs follow, and reserves of speed.
 """
 
 

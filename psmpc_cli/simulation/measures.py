@@ -167,7 +167,9 @@ class Meter:
             "window/presence": [sample.presence for sample in samples],
             "window/share": [sample.shares for sample in samples],
             **self._states_and_costs(stage, chart, samples),
-            **self._margins(stage.limits, samples, X_of_samples),
+            # the task's own limits: those of the placed stage are tighter by a reserve of speed
+            **self._margins(self._problem.stages[stage.index].limits, samples, X_of_samples),
+            **self._speed_reserve(samples),
             **self._efforts_and_peaks(stage, samples),
             **self._deviations(chart, samples, X_of_samples),
             **self._balances(stage.index, samples),
@@ -237,6 +239,15 @@ class Meter:
             "margin/planned_position": planned_margin[:, :n],
             "margin/planned_velocity": planned_margin[:, n:],
         }
+
+    def _speed_reserve(self, samples: Sequence[PendingSample]) -> dict[str, list[np.ndarray]]:
+        """Return by how much the plans of K samples were to stay below limits of velocities, (n,) each, by path.
+
+        Empty in a task whose plans may use all of their limits.
+        """
+        if not self._problem.spec.controller.speed_reserve:
+            return {}
+        return {"margin/speed_reserve": [sample.in_force.stage.speed_reserve.max(axis=0) for sample in samples]}
 
     def _efforts_and_peaks(self, stage: PlacedStage, samples: Sequence[PendingSample]) -> dict[str, np.ndarray]:
         """Integrate controls and forces over the ticks of K samples, and find their largest values.

@@ -37,6 +37,7 @@ from psmpc_cli.solvers.sqp_window import (
     window_bounds,
 )
 from psmpc_cli.specs.controller import SolverSpec
+from psmpc_cli.specs.robots.robot import Limits
 
 SMALL = 1e-2
 """Step at which a cold start is iterated enough [m, rad, m/s, rad/s, s]: what is left after it is a tenth and less."""
@@ -144,6 +145,23 @@ class Iterate:
     qp: QpSolution | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Setup:
+    """What windows share that are alike.
+
+    Attributes:
+        form: Windows of one shape as functions of states and durations.
+        method: For their programs.
+        limits: Of their stages.
+        bounds: Those that follow from the limits; `window_bounds` completes them for each window.
+    """
+
+    form: VelocityForm
+    method: QpMethod
+    limits: tuple[Limits, ...]
+    bounds: WindowBounds
+
+
 class SqpSolver(Solver):
     """Windows by sequential quadratic programming.
 
@@ -158,21 +176,27 @@ class SqpSolver(Solver):
         self._spec = spec
         self._report = report
         self.deadline = np.inf if spec.deadline is None else spec.deadline
-        self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
+        self._setups: dict[WindowShape, _Setup] = {}
         if spec.compiled:
             compile_all(libraries(problem))  # before the robot moves: of a spatial robot it takes seconds
         for function in _functions(problem):
             function.prepare()
 
-    def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
-        """Return what windows of one shape and limits share: form, bounds, method for their programs."""
+    def _setup(self, window: Window) -> "_Setup":
+        """Return what windows of one shape and limits share.
+
+        A reserve of speed changes limits at every sample, so of each shape only the last bounds are kept.
+        """
         shape = window_shape(window)
-        key = (shape, *(stage.limits for stage in window.stages))
-        setup = self._setups.get(key)
+        limits = tuple(stage.limits for stage in window.stages)
+        setup = self._setups.get(shape)
         if setup is None:
             form = VelocityForm(self._model, shape)
-            setup = form, fixed_bounds(form, window), self._method(form)
-            self._setups[key] = setup
+            setup = _Setup(form, self._method(form), limits, fixed_bounds(form, window))
+            self._setups[shape] = setup
+        elif setup.limits != limits:
+            setup = replace(setup, limits=limits, bounds=fixed_bounds(setup.form, window))
+            self._setups[shape] = setup
         return setup
 
     def _method(self, form: VelocityForm) -> QpMethod:
@@ -193,14 +217,15 @@ class SqpSolver(Solver):
         """
         began = time.perf_counter()
         tau = durations(guess.switch_times, window.start, window.horizon)[:-1]
-        form, shared, method = self._setup(window)
+        setup = self._setup(window)
+        form = setup.form
         parameters = window_numbers(window, guess.switch_times)
-        sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), parameters)
+        sqp_window = SqpWindow(form, window_bounds(form, setup.bounds, window, guess, tau, within), parameters)
         is_warm = previous is not None
         solve = _Solve(
             spec=self._spec,
             window=sqp_window,
-            method=method,
+            method=setup.method,
             report=self._report,
             stop_at=self.stop_time(began),
             stop_at_cpu_time=time.process_time() + LONGEST_CALL,

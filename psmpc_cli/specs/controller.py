@@ -176,6 +176,11 @@ class ControllerSpec(Choice):
         None,
         description="limits on states give way where they must; default `true` with noisy measurements or limited jerk",
     )
+    speed_reserve: fields.NotNegative = Field(
+        0.0,
+        exclude_if=lambda value: value == 0.0,
+        description="how far plans stay below limits of speed, over how far measured speeds were off the plans of late",
+    )
     delay: fields.SecondsOrAuto = Field(
         "auto",
         exclude_if=lambda value: value == "auto",

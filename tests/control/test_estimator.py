@@ -173,7 +173,7 @@ def test_velocities_that_commands_do_not_explain_tell_of_no_delay() -> None:
             estimate, _ = estimating.command(estimate, np.full((TICKS, 4), np.sin(k)))
             v = np.full(4, T * sum(np.sin(j) for j in range(k - 2)))  # three samples late
             state = State(np.zeros(4), v)
-            estimate = estimating.after_measurement(estimate, (k + 1) * T, state, is_unexplained=is_unexplained)
+            estimate = estimating.after_measurement(estimate, (k + 1) * T, state, shares_load=is_unexplained)
         found[is_unexplained] = estimate.delay.seconds
     assert found[False] == pytest.approx(3 * T, abs=0.01)
     assert found[True] == 0.0

@@ -4,7 +4,7 @@ And the order of its coordinates: their names, numbers by part as vectors, and t
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Annotated, Any, ClassVar, Literal
@@ -611,6 +611,13 @@ def missing_directions(robot: RobotSpec) -> list[str]:
     return [name for name, wrench in wanted.items() if nnls(wrenches, wrench)[1] > 1e-9]
 
 
+LARGEST_SPEED_RESERVE = 0.2
+"""Largest part of a limit of velocity that is held in reserve."""
+
+EASING = 0.05
+"""Share of the largest acceleration with which a robot brakes to a limit that has become tighter."""
+
+
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Bounds of every coordinate in the order of Q, each (n,); +-inf where there is none.
@@ -651,6 +658,31 @@ class Limits:
     def state_high(self) -> Vector:
         """Upper bounds of [Q; Qdot] (2n,)."""
         return np.concatenate([self.position_high, self.velocity_high])
+
+    def speed_reserve(self, wanted: Vector, v: Vector, sample_time: float) -> Vector:
+        """Return by how much limits of velocities can be tighter now, so that a robot at rest or in motion keeps them.
+
+        At most `LARGEST_SPEED_RESERVE` of a limit is held in reserve, so that the robot can still move. A robot that
+        moves faster than a tight limit allows could not keep it at once: it is only tightened to the velocity that the
+        robot has after a sample of gentle braking, with `EASING` of the largest acceleration.
+
+        Args:
+            wanted: How much is wanted (n,) [m/s, rad/s].
+            v: Velocities of the robot now (n,); NaN where they were not measured, which leaves no room.
+            sample_time: Time between two samples [s].
+
+        Returns:
+            What lower limits are raised by, and what upper limits are lowered by, (2, n) [m/s, rad/s].
+        """
+        taken = np.minimum(wanted, LARGEST_SPEED_RESERVE * (self.velocity_high - self.velocity_low) / 2)
+        room_below = (v + EASING * self.acceleration_high * sample_time) - self.velocity_low
+        room_above = self.velocity_high - (v + EASING * self.acceleration_low * sample_time)
+        return np.asarray(np.minimum(taken, np.fmax([room_below, room_above], 0.0)))
+
+    def with_speed_reserve(self, reserve: Vector) -> "Limits":
+        """Return limits of which those of velocities are tighter by a reserve, (2, n), see `speed_reserve`."""
+        raised, lowered = reserve
+        return replace(self, velocity_low=self.velocity_low + raised, velocity_high=self.velocity_high - lowered)
 
 
 def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: MobilityTraits | None = None) -> Limits:

@@ -142,7 +142,7 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     laws_in_task_space = (False, True) if task.acts_in_task_space else (False,)
     pushed_choices = sorted({False, thrusters_fire}) if base_drive_varies else [thrusters_fire]
     kinds = [
-        replace(base_kind, in_task_space=in_task_space, varies=base_drive_varies, is_pushed=is_pushed)
+        replace(base_kind, in_task_space=in_task_space, driven_varies=base_drive_varies, is_pushed=is_pushed)
         for in_task_space in laws_in_task_space
         for is_pushed in pushed_choices
     ]

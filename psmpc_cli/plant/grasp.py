@@ -35,7 +35,7 @@ from psmpc_cli.specs.uncertainty import ObjectErrorSpec
 Vector = Sequence[Any]
 
 MISSED_BY = ("position", "angle", "velocity", "angular_velocity")
-"""What a gripper has to be near in, to close; names as in `EnvelopeSpec`."""
+"""What decides whether a gripper may close, each relative to its grasp; names as in `EnvelopeSpec`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +210,7 @@ class GraspLaw:
 
     def distances_and_inverse_masses(
         self, gripper: int, Q: np.ndarray, v: np.ndarray, target_object: np.ndarray, anchor: np.ndarray
-    ) -> np.ndarray:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Compute how far a gripper is from its place on the object, and how heavy both bodies are there.
 
         The distances decide whether it may close, the masses set the damping of its grasp.
@@ -223,9 +223,9 @@ class GraspLaw:
             anchor: The gripper's place on the object: a pose in the object's frame (n_pose,).
 
         Returns:
-            Six numbers. Relative to the place: distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s].
-            Then the inverses of the mass [1/kg] and of the inertia [1/(kg m^2)] that a wrench between gripper and
-            object has to move, each a mean over its directions.
+            Distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s] relative to the place (4,). And the
+            inverses of the mass [1/kg] and of the inertia [1/(kg m^2)] that a wrench between gripper and object has to
+            move, each a mean over its directions (2,).
         """
         d = self.model.dimension
         object_pose, object_velocity = np.split(target_object, [self.space.n_pose])
@@ -233,13 +233,13 @@ class GraspLaw:
         relative = relative_motion(
             self.space, gripper_pose.ravel(), gripper_rate.ravel(), object_pose, object_velocity, anchor
         )
-        distances = (
+        distances = [
             np.linalg.norm(difference) for difference in (relative.r, relative.phi, relative.rdot, relative.omega)
-        )
+        ]
         # acceleration of gripper relative to object by a wrench on the one and its opposite on the other
         inverse_of_robot = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T)
         inverse = inverse_of_robot + self._inverse_mass_of_object(object_pose, relative.lever, relative.lever)
-        return np.array([*distances, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
+        return np.array(distances), np.array([inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
 
     def inverse_mass(self, Q: np.ndarray, pose: np.ndarray, anchors: np.ndarray) -> np.ndarray:
         """Compute the inverse of the effective mass between grippers and object, to find how fast grasps oscillate.
@@ -301,7 +301,7 @@ class Capture:
         parameters: Parameters of the bushings now, a row for each gripper (A, n_parameters).
         closed: Which grippers are closed (A,).
         load: Filtered loads on the grasps: pull, shear and moment (A, 3).
-        filter: Share of the difference between load and filtered load by which the latter changes in a tick.
+        filter_gain: Share of the difference between load and filtered load by which the latter changes in a tick.
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel, target_object: ObjectBody) -> None:
@@ -346,7 +346,7 @@ class Capture:
         self._forces = ArrayFunction(law.forces)
         # A first-order filter with time constant T follows by 1 - exp(-tick / T). Grasps that cannot be lost, those
         # without a strength, have no filter.
-        self.filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
+        self.filter_gain = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
 
     @property
     def pose_and_velocity(self) -> tuple[np.ndarray, np.ndarray]:
@@ -391,7 +391,7 @@ class Capture:
         return np.array(self.law.space.integrate(pose, step))
 
     def eigenvalues_when_held(self, Q: np.ndarray) -> np.ndarray:
-        """Compute how fast robot and object oscillate when all grippers hold it, to choose a step of the integrator.
+        """Compute how fast robot and object oscillate when all grippers hold it, to check the integrator's step.
 
         The displacements r of the grippers relative to the object (A n_twist,) follow r'' = -W (K r + D r'), with W of
         `GraspLaw.inverse_mass` and the stiffnesses K and dampings D of the bushings, as they are set at closing.
@@ -459,7 +459,7 @@ class Capture:
             times, self.state[None], *(values[None] for values in self.wrenches_and_loads(robot_state))
         ):
             pass  # a grasp was lost: look whether those that are left bear the tick
-        return self.parameters[:, :-2] if self.closed.all() else None
+        return self.parameters[:, :-2] if self.closed.all() else None  # without the dampings
 
     @property
     def is_known_load(self) -> bool:
@@ -528,11 +528,8 @@ class Capture:
         pose, _ = self.pose_and_velocity
         poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(robot_state[:nq]), strict=True))
         for number, gripper in enumerate(self.law.grippers):
-            distances, mean_inverses = np.split(
-                self.law.distances_and_inverse_masses(
-                    number, robot_state[:nq], robot_state[nq:], self.state, self._anchors[number]
-                ),
-                [len(MISSED_BY)],
+            distances, mean_inverses = self.law.distances_and_inverse_masses(
+                number, robot_state[:nq], robot_state[nq:], self.state, self._anchors[number]
             )
             is_inside = bool((distances <= envelope).all())
             self._events.append(
@@ -559,7 +556,7 @@ class Capture:
         nq = self.law.model.nq
         pose, v = self.pose_and_velocity
         *_, wrench, load = self._forces(robot_state[:nq], robot_state[nq:], pose, v, self.parameters.ravel())
-        return wrench, self.load + self.filter * self.closed[:, None] * (load - self.load)
+        return wrench, self.load + self.filter_gain * self.closed[:, None] * (load - self.load)
 
 
 def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:

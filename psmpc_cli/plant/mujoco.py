@@ -139,7 +139,7 @@ class MujocoPlant(TickedPlant):
         for _ in range(self.substeps):
             Q_before = Q.copy()
             v_before = v.copy()
-            acting = friction.net_force(F, v)
+            acting = friction.net_force(F, v)  # held over the step, unlike in plant rk4
             self.set_state(Q, v)
             data.qfrc_applied[self.v] = acting[rates]
             mujoco.mj_step(self.engine, data)

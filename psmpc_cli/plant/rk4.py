@@ -414,7 +414,7 @@ class Rk4CapturePlant(_CompiledPlant):
                 friction.vector,
                 capture.body.vector,
                 known_object,
-                [capture.filter],
+                [capture.filter_gain],
             ]
         )
         return inputs, parameters

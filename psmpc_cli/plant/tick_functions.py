@@ -196,7 +196,7 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     )
     vdot = model.dynamics.forward(Q, v, acting + grasp_force, robot)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    # On a base that does not move, the external force is that of its mount: what inverse dynamics still needs.
+    # On a base that does not move, the external force is that of its mount: what the motion takes besides the grasps.
     external_force = (
         F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - grasp_force
     )
@@ -238,15 +238,17 @@ def _law_with_capture(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind
     }
     arguments = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
     Q, v, u, twist_rates, driven, grasps, inertial_parameters, object_parameters, base_force = arguments
-    base_argument = [driven] if kind.driven_varies else []
-    now_and_mean = ca.vertsplit(base_force, space.n_twist) if kind.is_pushed else []
+    # last arguments of both laws, which say what acts on the base
+    base_alone = base_with_object = [driven] if kind.driven_varies else []
     if kind.is_pushed:
-        base_argument = now_and_mean[:1]  # the law of the robot alone does not need the mean
-    F_alone = law_without_object(model, kind)(
-        Q, v, twist_rates if kind.in_task_space else u, inertial_parameters, *base_argument
-    )
-    if not kind.is_pushed:
+        now_and_mean = ca.vertsplit(base_force, space.n_twist)
+        base_alone = now_and_mean[:1]  # the law of the robot alone does not need the mean
+        base_with_object = now_and_mean
+    else:
         arguments = arguments[:-1]  # there is no force of thrusters
+    F_alone = law_without_object(model, kind)(
+        Q, v, twist_rates if kind.in_task_space else u, inertial_parameters, *base_alone
+    )
     if not object_is_known:
         # the same arguments as with a known object, of which the first has no effect
         return ca.Function("law", [ca.SX.sym("all_hold"), *arguments], [F_alone])
@@ -257,9 +259,7 @@ def _law_with_capture(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind
         law_with_object = law_with_driven_coordinates(model.spec, held_force(model, grasp_law.grippers), driven)
     else:
         law_with_object = held_force(model, grasp_law.grippers, model.driven())
-    F_with_object = law_with_object(
-        Q, v, u, grasps, inertial_parameters, object_parameters, *(now_and_mean or base_argument)
-    )
+    F_with_object = law_with_object(Q, v, u, grasps, inertial_parameters, object_parameters, *base_with_object)
     return ca.Function.if_else("law", ca.Function("loaded", arguments, [F_with_object]), law_alone)
 
 
@@ -447,8 +447,8 @@ def _limiter_with_wheels(model: RobotModel, wheels: Wheels, kind: TickKind) -> C
         force[rotation] = ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
         return force
 
-    # thrusters push the base where its first coordinate is driven; wheels turn it where only its attitude is
-    # 1 or 0 each
+    # Thrusters push the base where its first coordinate is driven; wheels turn it where only its attitude is. Both are
+    # 1 or 0.
     is_pushed = driven[0]
     wheels_turn = (1 - driven[0]) * driven[-1]
     unloading = is_pushed * ca.vertcat(*wheels.unloading_torques(stored, kind.tick, clip_expressions))

@@ -310,7 +310,7 @@ class Setpoints:
             the robot's description.
         shut: Which thrusters must not fire (M, T); None: all may.
         held: Whether a mount holds a base that moves otherwise (M,); None: at no tick.
-        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; empty:
+        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law assumes them; empty:
             those of the object as described.
     """
 
@@ -390,7 +390,7 @@ class _TickLaw:
     drive: WheelDrive | None
 
     @property
-    def counts_with_load(self) -> bool:
+    def accounts_for_load(self) -> bool:
         """Whether the hands hold a load that the law knows of."""
         return self.law.knows_load and self.grasps is not None
 
@@ -512,7 +512,7 @@ class TickedPlant(ABC):
             tick: Number of the tick in its sample.
             state: True state [Q; v] where the tick begins (nq + n,).
             grasps: Parameters of the grasps of an object that all hands hold; None while they do not.
-            setpoints: Those of the sample; here they say what of the base is driven at each tick.
+            setpoints: Those of the sample; here they say which coordinates of the base are driven at each tick.
             disturbance: Noise of the state, and the inertial parameters that the law takes for the robot's.
         """
         n = self.model.n
@@ -557,7 +557,7 @@ class TickedPlant(ABC):
             return commanded, limits
         Q = state[None, : self.model.nq]
         space = self.model.space
-        firing.end_period_if_load_changed(law.counts_with_load)
+        firing.end_period_if_load_changed(law.accounts_for_load)
         span = firing.next_span(setpoints.driven, tick, len(setpoints.u))
         if span.begins:  # a period of pulses, which are to give the mean of what the law wants over it
             mean_wanted = law.force(*setpoints.mean_law_setpoint(span.ticks))

@@ -271,7 +271,7 @@ class GraspLaw:
         Args:
             pose: Pose of the object (n_pose,).
             pushed_at: Where the wrench acts, from the object's centre of mass, in the inertial frame (3,) [m].
-            moved_at: The point that accelerates, likewise.
+            moved_at: The point that accelerates, from the same centre and in the same frame (3,) [m].
 
         Returns:
             (n_twist, n_twist), a column for each component of the wrench.

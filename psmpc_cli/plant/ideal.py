@@ -23,8 +23,8 @@ class IdealPlant:
         """Advance over the M ticks of a sample with exactly the commanded accelerations: a plant without dynamics.
 
         It shows what a controller does when the robot moves as the controller believes. Motion is integrated from u
-        alone; rates in task space are first turned into accelerations. Disturbances, grippers and what of the base is
-        driven have no effect.
+        alone; rates in task space are first turned into accelerations. Disturbances, grippers and
+        which coordinates of the base are driven have no effect.
 
         Args:
             start: When the sample begins [s].

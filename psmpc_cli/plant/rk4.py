@@ -21,10 +21,10 @@ class _Inputs:
     """The arguments of the compiled function of ticks that differ from tick to tick, for the M ticks of a sample.
 
     Attributes:
-        setpoints: What the law follows, then what of the base is driven where that varies (M, k).
+        setpoints: What the law follows, then which coordinates of the base are driven where that varies (M, k).
         disturbances: Noise (M, 2n) and external force (M, n), as far as the function has them as arguments.
         in_task_space: Whether the law follows rates of the velocities J_C v.
-        driven_varies: Whether the law is told what of the base is driven.
+        driven_varies: Whether the law is told which coordinates of the base are driven.
     """
 
     setpoints: np.ndarray
@@ -443,7 +443,10 @@ def _limits_under_thrust(limits: ForceLimits, firing: ThrusterFiring, ticks: int
 
 
 def _limits_without_thrust(limits: ForceLimits, firing: ThrusterFiring) -> np.ndarray:
-    """Return the same of one tick in which no thruster fires (1, 2n + n_twist), to compute what the law wants."""
+    """Return the limits of one tick in which no thruster fires (1, 2n + n_twist), to compute what the law wants.
+
+    They are arranged as in `_limits_under_thrust`.
+    """
     none = np.zeros((1, len(firing.mean_wrench)))
     return np.hstack([limits.vectors_fixing_base_wrench(none), none])
 

@@ -5,7 +5,7 @@ goes on after the sample, the mean over what is left of the sample, since no mor
 its impulse and what is owed from before: what pulses gave too little or too much because they last whole ticks and no
 shorter than the shortest, and what the law's wrench was besides. A part that no thrusts can give is refused, and not
 owed. So the impulse of the pulses follows that of the law, and differs from it by no more than some shortest pulses.
-Where the law begins to count with a load, or no longer does, it asks for another wrench: a new period begins.
+Where the law begins to account for a load, or no longer does, it asks for another wrench: a new period begins.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,8 @@ class ThrusterTicks:
         firings: How often each began to fire (T,).
         owed: Impulse wanted by the law until the end of the sample, and neither given nor refused (3,) or (6,) [N s,
             N m s].
-        refused: Impulse wanted over periods that began in the sample and that no thrusts can give, likewise.
+        refused: Impulse wanted over periods that began in the sample and that no thrusts can give (3,) or (6,) [N s,
+            N m s].
         shut: Share of the ticks at which each was shut because of its plume (T,).
     """
 
@@ -120,7 +121,7 @@ class ThrusterFiring:
         self._unfinished_thrusts = self._planned_thrusts
         # impulse that the law has asked for, and pulses have not given yet [N s, N m s]
         self._owed_impulse = np.zeros(d)
-        self._law_has_load = False  # whether the law counts with a load in the grippers
+        self._law_has_load = False  # whether the law accounts for a load in the grippers
 
         # of the sample, for its log
         self._thrusts_of_sample: list[np.ndarray] = []  # thrusts over its ticks so far [N]
@@ -166,14 +167,14 @@ class ThrusterFiring:
         return FiringSpan(first, min(end_of_period, end_of_phase), is_pushed=True, begins=not self.ticks_left)
 
     def end_period_if_load_changed(self, is_loaded: bool) -> None:
-        """End the period of pulses early where the low-level law begins or ceases to count with a held load.
+        """End the period of pulses early where the low-level law begins or ceases to account for a held load.
 
         The law then wants another wrench than the period was planned for. The next period lasts as long as the rest of
         this one, so that periods stay in step with samples; if that is too short for a pulse, it lasts a whole period
         more. Pulses that have begun go on to their ends.
 
         Args:
-            is_loaded: Whether the law counts with a load in the grippers from this tick on.
+            is_loaded: Whether the law accounts for a load in the grippers from this tick on.
         """
         if is_loaded == self._law_has_load:
             return

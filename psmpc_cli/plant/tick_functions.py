@@ -53,8 +53,8 @@ def capture_tick(capture: Capture, kind: TickKind) -> ca.Function:
     Its arguments are, in this order:
 
     - z = [state of the robot; impulse; work; momenta of wheels; pose and velocity of the object; filtered loads].
-    - u (n,), followed in task space by the rates of the frames' velocities, and by what of the base is driven if that
-      varies.
+    - u (n,), followed in task space by the rates of the frames' velocities, and by which coordinates of the base are
+      driven (n_twist,) if that varies.
     - The noise (2n,) of a disturbed tick.
     - The external force (n,).
     - The parameters of the bushings (springs and dampers between grippers and object), then which grippers are closed.
@@ -81,7 +81,7 @@ def _capture_tick(law: GraspLaw, known: bool, kind: TickKind) -> ca.Function:
 
     Args:
         law: The bushings between grippers and object.
-        known: Whether the low-level law may count with the object.
+        known: Whether the low-level law may account for the object.
         kind: Which arguments the tick has.
     """
     model = law.model
@@ -214,7 +214,7 @@ def _law_with_capture(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind
 
     Args:
         grasp_law: The bushings, springs and dampers, between grippers and object.
-        object_is_known: Whether the law may count with the object.
+        object_is_known: Whether the law may account for the object.
         kind: Which arguments the tick has.
 
     Returns:
@@ -274,8 +274,8 @@ def _noisy_state(model: RobotModel) -> ca.Function:
 def law_without_object(model: RobotModel, kind: TickKind) -> ca.Function:
     """Return the low-level law of a robot that holds nothing: the function Q, v, u, inertial parameters -> F (n,).
 
-    A further argument is the force on the base where thrusters push it, or else what of the base is driven if that
-    varies. In task space the rates of the frames' velocities take the place of u.
+    A further argument is the force on the base where thrusters push it, or else which coordinates of the base are
+    driven if that varies. In task space the rates of the frames' velocities take the place of u.
 
     Args:
         model: The robot.
@@ -311,7 +311,7 @@ def _pushed_task_law(model: RobotModel) -> ca.Function:
 
 
 def _force_on_base(model: RobotModel, wheels: Wheels, tick: float) -> ca.Function:
-    """Return the function of the force on the base that joints have to reckon with where thrusters push it.
+    """Return the function of the force on the base that joints have to allow for where thrusters push it.
 
     Returns:
         Function Q, wrench of the thrusters along the base's axes, momenta of wheels -> generalized force on the base
@@ -558,7 +558,7 @@ def _law_at_state(model: RobotModel, kind: TickKind, robot: ca.SX) -> tuple[list
     if kind.disturbed:
         Q = _displaced(model.space, Q, noise[:n])
         v = v + noise[n:]
-    setpoint = u[: u.numel() - driven_size]  # without what of the base is driven, which follows
+    setpoint = u[: u.numel() - driven_size]  # the driven coordinates of the base follow it in u
     if kind.is_pushed:  # joints follow their setpoints under the force that thrusters give
         wrench = ca.SX.sym("wrench", model.space.n_twist)
         base_force = _force_on_base(model, wheels, kind.tick)(Q, wrench, state[nq + n :])

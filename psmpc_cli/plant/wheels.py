@@ -58,7 +58,7 @@ class WheelDrive:
         return F
 
     def without_unloading(self, F: np.ndarray) -> np.ndarray:
-        """Return a generalized force (n,) less what of it balances motors that unload wheels in this tick."""
+        """Return a generalized force (n,) less the part that balances motors which unload wheels in this tick."""
         return self.wheels.with_moment(F, -self._unloading)
 
     def begin_tick(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:

@@ -162,7 +162,7 @@ class Meter:
         command = samples[0].in_force
         stage = command.stage
         chart = command.solution.window.chart
-        X_of_samples = [chart.entered(sample.ticks.states) for sample in samples]
+        X_of_samples = [chart.states_in_chart(sample.ticks.states) for sample in samples]
         values_by_path = {
             "window/presence": [sample.presence for sample in samples],
             "window/share": [sample.shares for sample in samples],
@@ -204,7 +204,7 @@ class Meter:
             "state/Qdot_true": states[:, model.nq :],
             "control/u": u,
             "pose/xi": model.poses(Q).reshape(len(states), -1),
-            "cost/current_stage": self._problem.costs.at(stage, chart.entered(states), u, since_entry),
+            "cost/current_stage": self._problem.costs.at(stage, chart.states_in_chart(states), u, since_entry),
         }
         if self._acts_in_task_space:
             columns["pose/condition"] = model.task_space_condition(Q)
@@ -296,7 +296,10 @@ class Meter:
         # the difference of attitudes is taken in a chart about the planned one, where it is a rotation vector
         chart_of_plan = model.space.chart_at(Q[0])
         deviation = np.hstack(
-            [(chart_of_plan.entered(end_states) - chart_of_plan.to_chart(Q, v))[:, :n], end_states[:, model.nq :] - v]
+            [
+                (chart_of_plan.states_in_chart(end_states) - chart_of_plan.to_chart(Q, v))[:, :n],
+                end_states[:, model.nq :] - v,
+            ]
         )
         end_errors = [
             self._errors_of_ended_stages(sample.in_force, sample.ticks, X_of_sample)

@@ -112,7 +112,7 @@ class Verification:
         """
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
         flow = self._integrate("law", np.hstack(plan.chart.from_chart(plan.X[:1]))[0], plan.times, u)
-        X = plan.chart.entered(flow.between_pieces)
+        X = plan.chart.states_in_chart(flow.between_pieces)
         yield from self._positions_and_velocities("", np.abs(X - plan.X), plan.times)
         for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
             times_of_stage = slice((last - N) * INSIDE, last * INSIDE + 1)
@@ -200,7 +200,7 @@ class Verification:
         end_time = flow.times[-1:]
         if plan is not None:
             yield from self._positions_and_velocities(
-                "", np.abs(plan.chart.entered(flow.states[-1:]) - plan.states_at(end_time)), end_time
+                "", np.abs(plan.chart.states_in_chart(flow.states[-1:]) - plan.states_at(end_time)), end_time
             )
         stages = log.problem_at(float(log.time[sample])).stages
         violations = self._limit_violations(stages[int(log["window/first"][sample])], flow)
@@ -211,7 +211,8 @@ class Verification:
             "plant",
             np.abs(
                 np.diff(
-                    self._chart_at(next_logged_state).entered(np.vstack([flow.states[-1], next_logged_state])), axis=0
+                    self._chart_at(next_logged_state).states_in_chart(np.vstack([flow.states[-1], next_logged_state])),
+                    axis=0,
                 )
             ),
             end_time,
@@ -220,7 +221,7 @@ class Verification:
         switches = [switch for switch in log.switches if flow.times[0] + 1e-9 < switch[1] <= end_time[0] + 1e-9]
         chart = self._chart_at(flow.states[0])
         for index, time in switches:
-            Q, v = chart.from_chart(state_at(flow.times, chart.entered(flow.states), time)[None])
+            Q, v = chart.from_chart(state_at(flow.times, chart.states_in_chart(flow.states), time)[None])
             stage = stages[index]
             object_state = log.object_state_at(time)
             yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)
@@ -232,7 +233,10 @@ class Verification:
     def _limit_violations(self, stage: Stage, flow: Flow) -> Vector:
         """Return by how much a motion exceeds the limits of a stage (T, 2n); 0 within them."""
         X = np.hstack(
-            [self._chart_at(flow.states[0]).entered(flow.states)[:, : self._model.n], flow.states[:, self._model.nq :]]
+            [
+                self._chart_at(flow.states[0]).states_in_chart(flow.states)[:, : self._model.n],
+                flow.states[:, self._model.nq :],
+            ]
         )
         return np.asarray(np.maximum(np.maximum(stage.limits.state_low - X, X - stage.limits.state_high), 0.0))
 

@@ -15,7 +15,7 @@ from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.progress import Watch, Work
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import Chart
-from psmpc_cli.simulation.measures import state_at
+from psmpc_cli.simulation.measures import interpolate_state
 from psmpc_cli.simulation.replay import logged_solve
 
 Vector = np.ndarray
@@ -221,7 +221,7 @@ class Verification:
         switches = [switch for switch in log.switches if flow.times[0] + 1e-9 < switch[1] <= end_time[0] + 1e-9]
         chart = self._chart_at(flow.states[0])
         for index, time in switches:
-            Q, v = chart.from_chart(state_at(flow.times, chart.states_in_chart(flow.states), time)[None])
+            Q, v = chart.from_chart(interpolate_state(flow.times, chart.states_in_chart(flow.states), time)[None])
             stage = stages[index]
             object_state = log.object_state_at(time)
             yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)

@@ -26,7 +26,7 @@ from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, 
 from psmpc_cli.plant.wheels import WheelDrive, drive_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter
-from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of, record
+from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of_solver, record
 from psmpc_cli.specs.arguments import as_path, require, require_callable, require_whole
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robots.robot import RobotSpec, stack
@@ -130,7 +130,7 @@ def libraries_for(problem: Problem) -> list[Library]:
     """Return the libraries of C code that a run of a problem compiles: those of its solver and of its plant."""
     task = problem.spec
     functions_of_plant = _functions_of_all_tick_kinds(task, problem.model) if task.plant.traits.compiles else []
-    return [*libraries_of(problem), *map(library_of, functions_of_plant)]
+    return [*libraries_of_solver(problem), *map(library_of, functions_of_plant)]
 
 
 def _functions_of_all_tick_kinds(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
@@ -244,7 +244,7 @@ def _samples(experiment: Experiment, until: int | None) -> Generator[Sample, Non
                 reason="stopped at the end of a stage",
                 time=now,
                 state=command.state,
-                true=state,
+                true_state=state,
                 switches=command.switches,
             )
         braking_until = command.plan.end if "braking" in command.events else np.inf
@@ -266,7 +266,7 @@ def _samples(experiment: Experiment, until: int | None) -> Generator[Sample, Non
                 reason="the motion diverged, faster than it can be simulated",
                 time=now,
                 state=command.state,
-                true=state,
+                true_state=state,
                 switches=command.switches,
                 stuck=True,
             )
@@ -407,7 +407,7 @@ def _ending_if_over(
     """
     now = command.time
     rounding = 1e-9  # of sums of sample times [s]
-    ending = partial(Ending, time=now, state=command.state, true=state, switches=command.switches)
+    ending = partial(Ending, time=now, state=command.state, true_state=state, switches=command.switches)
     if experiment.controller.failure and not experiment.keep_going:
         return ending(completed=False, reason=experiment.controller.failure)
     # ended_at is infinite until the last stage has ended

@@ -41,7 +41,7 @@ from psmpc_cli.logs.schema import (
 )
 from psmpc_cli.logs.summary import Summary, early_starts
 from psmpc_cli.logs.verdicts import returns_of
-from psmpc_cli.logs.walk import RUNS, misfit
+from psmpc_cli.logs.walk import RUNS, unexpected_item
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import ObjectState, Problem, build_problem
 from psmpc_cli.ocp.reference import Trajectory
@@ -631,7 +631,7 @@ def read_comparison(path: Path) -> dict[str, Run]:
         names = file.attrs[RUNS].tolist()
         groups = file[RUNS]
         if sorted(names) != sorted(groups) or not names or {".", ".."} & {*names} or len(file) > 1:
-            raise misfit(file, f"the groups {', '.join(groups)}", "one for each run", f" attribute {RUNS}")
+            raise unexpected_item(file, f"the groups {', '.join(groups)}", "one for each run", f" attribute {RUNS}")
         return {name: run_in(groups[name], path) for name in names}
 
     return read_file(path, read, "a comparison written by psmpc compare", COMPARISON)
@@ -657,7 +657,9 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         raise ValueError(f"no attribute {', '.join(missing)}")
     for name, type_of_attribute in ATTRIBUTES.items():
         if not isinstance(attributes[name], type_of_attribute):
-            raise misfit(group, repr(attributes[name]), f"a {type_of_attribute.__name__}", f" attribute {name}")
+            raise unexpected_item(
+                group, repr(attributes[name]), f"a {type_of_attribute.__name__}", f" attribute {name}"
+            )
     members: list[str] = []
     group.visit(members.append)
     columns = layout(Q_COORDINATE in members)
@@ -693,7 +695,7 @@ def _datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Co
     columns_by_path = {column.path: column for column in expected}
     group_paths = {path.rpartition("/")[0] for path in columns_by_path}
     if unknown := [path for path in members if path not in columns_by_path and path not in group_paths]:
-        raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
+        raise unexpected_item(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
     datasets = {path: group[path] for path in columns_by_path}
     scale_lengths = {path: len(datasets[path]) for path, column in columns_by_path.items() if column.is_scale}
     for path, column in columns_by_path.items():
@@ -701,7 +703,7 @@ def _datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Co
         shape = tuple(scale_lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)
         if not isinstance(dataset, h5py.Dataset) or (dataset.shape, dataset.dtype) != (shape, dtype):
-            raise misfit(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
+            raise unexpected_item(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
     return datasets
 
 
@@ -718,8 +720,8 @@ def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
     bounds |= {f"{path}_length": values.shape[1] for path, values in arrays.items() if f"{path}_length" in arrays}
     for path, most in bounds.items():
         if ((arrays[path] < 0) | (arrays[path] > most)).any():
-            raise misfit(group[path], "an index or a length beyond what it is of", "none")
+            raise unexpected_item(group[path], "an index or a length beyond what it is of", "none")
     for path in ("time", "ticks/time"):
         time = arrays.get(path, np.zeros(0))
         if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
-            raise misfit(group[path], "times that do not rise", "each after the one before")
+            raise unexpected_item(group[path], "times that do not rise", "each after the one before")

@@ -238,15 +238,11 @@ def _samples(experiment: Experiment, until: int | None) -> Generator[Sample, Non
         command = controller.step(now, State.of(measured, wheel_momenta), object_pose, holding)
         if (ending := _ending_if_over(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
+        stopped = partial(
+            Ending, completed=False, time=now, state=command.state, true_state=state, switches=command.switches
+        )
         if any(switch.stage == until for switch in command.switches):
-            return Ending(
-                completed=False,
-                reason="stopped at the end of a stage",
-                time=now,
-                state=command.state,
-                true_state=state,
-                switches=command.switches,
-            )
+            return stopped(reason="stopped at the end of a stage")
         braking_until = command.plan.end if "braking" in command.events else np.inf
         # commands may arrive late: what acts over this sample may be an earlier command
         delayed_commands.send(sample_number, command)
@@ -261,15 +257,7 @@ def _samples(experiment: Experiment, until: int | None) -> Generator[Sample, Non
             disturbance = uncertainty.disturbance(sample_number, now, stage, in_force.law)
         ticks = plant.advance(now, state if contact is None else contact.state, setpoints, disturbance)
         if _has_diverged(ticks):
-            return Ending(
-                completed=False,
-                reason="the motion diverged, faster than it can be simulated",
-                time=now,
-                state=command.state,
-                true_state=state,
-                switches=command.switches,
-                stuck=True,
-            )
+            return stopped(reason="the motion diverged, faster than it can be simulated", stuck=True)
         yield meter.measure(command, ticks, state, setpoints.u, contact, in_force)
         state = ticks.states[-1]
         sample_number += 1

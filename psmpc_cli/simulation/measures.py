@@ -142,7 +142,7 @@ class Meter:
             object_balance=0.0 if self._capture is None else self._capture.momentum_and_energy,
             expected_balance=self._expected_balance,
         )
-        sample = Sample(pending, self._sample_number, len(self._problem.stages), self.metrics)
+        sample = Sample(pending, number=self._sample_number, stages=len(self._problem.stages), measure=self.metrics)
         self._sample_number += 1
         return sample
 
@@ -181,7 +181,7 @@ class Meter:
         # from one column for each path to one row for each sample
         values_of_samples = list(zip(*values_by_path.values(), strict=True))
         for values_of_sample in values_of_samples:
-            make_read_only(*values_of_sample)
+            make_read_only(*values_of_sample)  # whoever watches the run must not change its log
         return [dict(zip(values_by_path, values_of_sample, strict=True)) for values_of_sample in values_of_samples]
 
     def _states_and_costs(

@@ -81,6 +81,7 @@ def build_experiment(loaded: Task) -> Experiment:
     friction_of_joints = None if uncertainty is None else uncertainty.friction
     capture = build_capture(task, model)
     wheel_drive = drive_of(task, model)
+    # a task gives numbers by part of the robot; velocities, as errors do, have three numbers for an attitude in space
     initial_Q = stack(task.initial, loaded.robot, "joint")
     initial_v = stack(task.initial_velocity, loaded.robot, "joint", missing=0.0, of_error=True)
     return Experiment(
@@ -307,9 +308,7 @@ class _DelayedCommands:
         """Return the command in force when a sample begins, and the setpoints of the low-level law at its ticks.
 
         Commands reach the robot late and at any tick, so the setpoints may be those of several commands, each from its
-        arrival on. A command has setpoints for the M ticks of one sample; the last of them is held until the next
-        command arrives. Before the first command has arrived nothing is commanded (zeros), and it counts as the one in
-        force.
+        arrival on. Before the first command has arrived nothing is commanded, and it counts as the one in force.
 
         Args:
             sample: Number of the sample.
@@ -319,23 +318,38 @@ class _DelayedCommands:
         """
         first_tick = sample * self._ticks_per_sample
         end_tick = first_tick + self._ticks_per_sample
+        # a command is over when the next one has arrived
         while len(self._sent) > 1 and self._sent[1].arrives_at <= first_tick:
             self._sent.pop(0)
         arrives_at, command = self._sent[0]
-        load = command.law.load
-        # mostly one command arrives as the sample begins and no other within it: its setpoints are taken as they are
         is_alone = len(self._sent) == 1 or self._sent[1].arrives_at >= end_tick
-        if arrives_at == first_tick and is_alone:
-            return command, Setpoints(
-                u=command.u,
-                closed=command.closed,
-                twist_rates=command.twist_rates,
-                driven=command.driven if self._changes_mobility else None,
-                shut=command.shut,
-                load=load,
-                held=command.held if len(command.held) else None,
-            )
-        # before the first arrival: no motion, grippers open, and the base as at the first tick of that command
+        if not (arrives_at == first_tick and is_alone):
+            return command, self._setpoints_of_several(first_tick)
+        # mostly one command arrives as the sample begins and no other within it: its setpoints are taken as they are
+        return command, Setpoints(
+            u=command.u,
+            closed=command.closed,
+            twist_rates=command.twist_rates,
+            driven=command.driven if self._changes_mobility else None,
+            shut=command.shut,
+            load=command.law.load,
+            held=command.held if len(command.held) else None,
+        )
+
+    def _setpoints_of_several(self, first_tick: int) -> Setpoints:
+        """Put the setpoints of a sample together from those of several commands, each from its arrival on.
+
+        A command has setpoints for the M ticks of one sample; the last of them is held until the next command arrives.
+        Before the first arrival there is no motion, grippers are open, and the base is moved by what moves it at the
+        first tick of that command.
+
+        Args:
+            first_tick: Number of the sample's first tick, counted from the start of the run.
+
+        Returns:
+            A row for each of the M ticks of the sample.
+        """
+        command = self._sent[0].command
         M = self._ticks_per_sample
         u = np.zeros((M, command.law.model.n))
         grippers_closed = np.zeros(M, bool)
@@ -344,7 +358,7 @@ class _DelayedCommands:
         held_by_mount = np.repeat(command.held[:1], M, axis=0)  # (0,) where no mount ever holds the base
         in_task_space = any(sent.command.twist_rates is not None for sent in self._sent)
         twist_rates = np.zeros((M, command.law.model.n_twists)) if in_task_space else None
-        run_ticks = np.arange(first_tick, end_tick)
+        run_ticks = np.arange(first_tick, first_tick + M)
         # a command overwrites what earlier ones set, from the tick of its arrival on
         for arrives_at, arrived in self._sent:
             has_arrived = run_ticks >= arrives_at
@@ -358,13 +372,13 @@ class _DelayedCommands:
                 held_by_mount[has_arrived] = arrived.held[own_ticks]
             if twist_rates is not None:
                 twist_rates[has_arrived] = _rates_in_task_space(arrived)[own_ticks]
-        return command, Setpoints(
+        return Setpoints(
             u=u,
             closed=grippers_closed,
             twist_rates=twist_rates,
             driven=driven_axes if self._changes_mobility else None,
             shut=shut_thrusters,
-            load=load,
+            load=command.law.load,
             held=held_by_mount if len(held_by_mount) else None,
         )
 

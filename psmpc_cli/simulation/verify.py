@@ -68,6 +68,7 @@ class Verification:
         self._free_dynamics = AdaptiveDynamics(self._model)
         self._mounted_dynamics = AdaptiveDynamics(self._model.mounted) if has_mount else self._free_dynamics
         has_levels = "levels/solved" in log  # of HTMPC, which solves for one priority level after the other
+        # then the dynamics here are not those of the run, or the logged controls are not those of the plans
         is_uncertain = task.is_uncertain or task.controller.offset_free
         states = np.hstack([log.motion.Q_seen, log.motion.v_seen])
         # the state after the last sample; of a run that was killed it is not known, and this row of NaN stands for it

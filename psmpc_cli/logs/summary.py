@@ -302,6 +302,8 @@ class Summary:
     def _read_outcome(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
         """Read how the run ended, whether the mission succeeded, and when each stage ended.
 
+        It sets attributes that `Summary` describes.
+
         Args:
             arrays: Datasets of the log by path.
             attributes: Attributes of the log.
@@ -317,6 +319,7 @@ class Summary:
         self.succeeded = _succeeded(self.completed, self.monitors)
         self.reason = str(attributes["end_reason"]) or "the run was killed, or goes on"
         self.duration = end if self.ended else float(time[-1]) if len(time) else 0.0
+        # times that the paper gives for this controller, to compare with
         published = spec.published.get(str(attributes["controller"]), PublishedRun())
         self.stages = _summarize_stages(arrays, spec.onset.epsilon, published)
         self.returned_at: tuple[float, ...] = tuple(time[list(samples_of_returns(arrays))].tolist())
@@ -325,7 +328,7 @@ class Summary:
         """Read how the solves went: their times, events, local optima, and the priority levels of HTMPC.
 
         HTMPC solves at each sample for one stage after the other, its levels; a later level has to keep the costs of
-        the earlier ones.
+        the earlier ones. The attributes that are set are described in `Summary`.
 
         Args:
             arrays: Datasets of the log by path. `window/basin` is the number of the guess from which the best optimum
@@ -358,6 +361,8 @@ class Summary:
     def _read_efforts(self, arrays: Arrays, attributes: Mapping[str, Any]) -> None:
         """Read what controls and forces the run took, how near forces came to limits, and how controls varied.
 
+        It sets attributes that `Summary` describes.
+
         Args:
             arrays: Datasets of the log by path. `force/utilization` (K, n) is the commanded force over its limit;
                 `force/saturated` (K,) is the fraction of a sample's ticks in which the plant cut a force at its limit.
@@ -373,7 +378,7 @@ class Summary:
         peaks = {name: arrays.get(f"peak/{name}", np.array([np.nan])) for name in (*PEAKS, *SLIDING_PEAKS)}
         self.peaks = {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()}
         utilization = arrays.get("force/utilization", np.full((len(time), len(coordinates)), np.nan))
-        saturated = arrays.get("force/saturated", np.zeros(0))
+        saturated = arrays.get("force/saturated", np.zeros(0))  # empty where forces have no limits
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
@@ -397,7 +402,7 @@ class Summary:
         """Read how far the motion was from plans, limits, end conditions and the balances of physics.
 
         Grippers that close stop against the object at once, which no plan contains. So violations of limits are also
-        read without the samples in which one closes.
+        read without the samples in which one closes. The attributes that are set are described in `Summary`.
 
         Args:
             arrays: Datasets of the log by path. `balance/...` is how far momentum and energy are from what impulse and

@@ -206,6 +206,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     """
     grasp = target_object.grasp
     destination = target_object.destination
+    # largest distance, angle and velocities of a gripper from its grasp with which it can close, and those that it had
     envelope = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
     missed_by = arrays["grasp/missed_by"]
     end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan

@@ -130,10 +130,9 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     logged = logged_solve(log, sample)
     iterations = list[str]()
     if solver is not None and solver != task.spec.solver.kind:
+        # deadline and gradient of the task are made for the run's solver: another one may not take them
         overrides = (f"solver.kind={json.dumps(solver)}", "solver.deadline=null", "solver.gradient=exact")
-        changes = [
-            (f"--solver {solver}", key) for key in overrides
-        ]  # deadline and gradient are those of the run's solver
+        changes = [(f"--solver {solver}", override) for override in overrides]  # messages name the option
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
     solver_spec = task.spec.solver.model_copy(update={"deadline": None})
     same_solver = task.spec.solver.kind == log.task.spec.solver.kind

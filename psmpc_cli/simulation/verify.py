@@ -197,9 +197,10 @@ class Verification:
 
     def _stored_momenta(self, ticks: slice) -> Vector:
         """Return what wheels store at the ends of logged ticks, along the base's axes (ticks + 1, 3) [N m s]."""
-        momenta = self._log["ticks/wheel_momentum"][ticks]
-        last = momenta[-1] + self._log["ticks/motor_torque"][ticks][-1] / self._problem.spec.plant.low_level_rate
-        return np.vstack([momenta, last]) @ Wheels.of(self._model.spec).axes.T
+        momenta = self._log["ticks/wheel_momentum"][ticks]  # of each wheel, where each tick begins
+        last_torque = self._log["ticks/motor_torque"][ticks][-1]
+        at_end = momenta[-1] + last_torque / self._problem.spec.plant.low_level_rate
+        return np.vstack([momenta, at_end]) @ Wheels.of(self._model.spec).axes.T
 
     def _is_held_in_stages(self, sample: int) -> list[bool]:
         """Tell whether a mount holds the base, for each stage from the current one at a sample to that at the next."""
@@ -238,23 +239,21 @@ class Verification:
         for index, time in log.switches:
             if not flow.times[0] + rounding < time <= end_time[0] + rounding:
                 continue  # the stage ends in another sample
-            Q, v = chart.from_chart(interpolate_state(flow.times, chart.states_in_chart(flow.states), time)[None])
-            stage = stages[index]
-            object_state = log.object_state_at(time)
-            yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)
+            x_at_switch = interpolate_state(flow.times, chart.states_in_chart(flow.states), time)
+            Q, v = chart.from_chart(x_at_switch[None])
+            # a stage is evaluated in the chart about its own state, its target relative to the object as it was then
+            stage, x = in_own_chart(self._model, stages[index], Q[0], v[0], object_state=log.object_state_at(time))
+            yield self._end_error(stage, x, time)
 
     def _chart_at(self, state: Vector) -> Chart:
         """Return the chart about the attitude in a state (nq + n,)."""
         return self._model.space.chart_at(state[: self._model.nq])
 
     def _limit_violations(self, stage: Stage, flow: Flow) -> Vector:
-        """Return by how much a motion exceeds the limits of a stage (T, 2n); 0 within them."""
-        X = np.hstack(
-            [
-                self._chart_at(flow.states[0]).states_in_chart(flow.states)[:, : self._model.n],
-                flow.states[:, self._model.nq :],
-            ]
-        )
+        """Return by how much a motion exceeds the limits of a stage at its T times (T, 2n); 0 within them."""
+        Q_in_chart = self._chart_at(flow.states[0]).states_in_chart(flow.states)[:, : self._model.n]
+        v = flow.states[:, self._model.nq :]  # limits hold for v, not for the rates of the chart's coordinates
+        X = np.hstack([Q_in_chart, v])
         return np.asarray(np.maximum(np.maximum(stage.limits.state_low - X, X - stage.limits.state_high), 0.0))
 
     def _positions_and_velocities(self, suffix: str, values: Vector, times: Vector) -> Iterator[QuantitySeries]:

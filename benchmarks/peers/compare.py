@@ -19,7 +19,6 @@ from functools import partial
 from itertools import islice, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from psmpc_cli.ocp.window import Window, on_mesh, shortest_durations
 from psmpc_cli.robot.rotations import exp
 from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, Solver, build_solver
+from psmpc_cli.solvers.bounded import processor_time
 from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robots.robot import Attachment, RobotSpec
@@ -192,10 +192,10 @@ def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
     solver = build_solver(problem, SolverSpec(kind=kind))
 
     def solve(start: Start) -> dict[str, Any]:
-        began = process_time()
+        began = processor_time()
         solution = solver.solve(window, *start)
         return {
-            "time": process_time() - began,
+            "time": processor_time() - began,
             "status": solution.outcome.name.lower(),
             "objective": solution.objective,
             "instants": (solution.plan.switch_times - window.start).tolist(),

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from psmpc_cli.cli.common import BAD, GOOD, WARNING, echo, escaped
 from psmpc_cli.logs.comparison import Comparison
-from psmpc_cli.logs.numbers import EMPTY, TIME, last_place, number, quantiles
+from psmpc_cli.logs.numbers import EMPTY, TIME, format_number, format_quantiles, last_place
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
@@ -145,12 +145,12 @@ def _describe_outcome(summary: Summary) -> str:
 
 COMPARED: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("mission", _describe_outcome),
-    ("ends\n[s]", lambda run: number(run.duration, TIME) if run.ended else "-"),
-    ("early\nstarts", lambda run: number(sum(stage.early for stage in run.stages))),
-    ("effort [m^2/s^3,\nrad^2/s^3]", lambda run: number(run.control_effort)),
-    ("base force\nat most [N]", lambda run: number(run.peaks["base_force"])),
-    ("solve time,\np99 [ms]", lambda run: number(1e3 * run.solves.p99)),
-    ("warnings", lambda run: number(sum(1 for _ in warnings_of(run)))),
+    ("ends\n[s]", lambda run: format_number(run.duration, TIME) if run.ended else "-"),
+    ("early\nstarts", lambda run: format_number(sum(stage.early for stage in run.stages))),
+    ("effort [m^2/s^3,\nrad^2/s^3]", lambda run: format_number(run.control_effort)),
+    ("base force\nat most [N]", lambda run: format_number(run.peaks["base_force"])),
+    ("solve time,\np99 [ms]", lambda run: format_number(1e3 * run.solves.p99)),
+    ("warnings", lambda run: format_number(sum(1 for _ in warnings_of(run)))),
 )
 """Columns of a short comparison behind the controller: heading, and what is read of a run."""
 
@@ -206,16 +206,16 @@ def _texts_with_differences(values: Sequence[float], resolution: float, publishe
         resolution: Smallest difference between values that means something, in their unit.
         published: The values that were published; NaN where none was. None at all if left out.
     """
-    texts = [number(value, resolution) for value in values]
+    texts = [format_number(value, resolution) for value in values]
     for i, value in enumerate(values[1:], start=1):
         difference = value - values[0]
         if math.isnan(difference):
             continue
         # a difference has the last digit of the larger number; counts differ exactly
         step = 0.0 if isinstance(difference, int) else 10.0 ** last_place(max(values[0], value, key=abs), resolution)
-        texts[i] += " (=)" if texts[i] == texts[0] else f" ({number(difference, step, sign='+')})"
+        texts[i] += " (=)" if texts[i] == texts[0] else f" ({format_number(difference, step, sign='+')})"
     # all published values are times, which are given to a tenth of a second
-    marks = ["" if math.isnan(value) else f" [{number(value, 0.1)}]" for value in published] or [""] * len(texts)
+    marks = ["" if math.isnan(value) else f" [{format_number(value, 0.1)}]" for value in published] or [""] * len(texts)
     return list(map("".join, zip(texts, marks, strict=True)))
 
 
@@ -316,12 +316,12 @@ def _print_runs_of_sweep(cells: SweepCells, verbose: bool) -> None:
         starts = cells.quantity("actual_start")[run][thresholds]
         row = [f"{value:.4g}" for value in (cells.omega[run] if shares_ratios else [cells.ratio[run]])]
         # an early start depends on the threshold, and is written to a tenth
-        row += [number(start, 0.1 if start < cells.first_switch[run] else TIME) for start in starts]
-        row += [number(float(values[run]), TIME) for values in ends]
-        row.append(number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed")
-        row += [number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")]
+        row += [format_number(start, 0.1 if start < cells.first_switch[run] else TIME) for start in starts]
+        row += [format_number(float(values[run]), TIME) for values in ends]
+        row.append(format_number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed")
+        row += [format_number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")]
         if verbose:
-            row += [number(float(cells.end_error[run]), 0.01), cells.why(run)]
+            row += [format_number(float(cells.end_error[run]), 0.01), cells.why(run)]
         rows.append(row)
     ratio_headings = ("omega_1", "omega_2") if shares_ratios else ("omega_2/omega_1",)
     if verbose:
@@ -349,7 +349,10 @@ def print_monte_carlo(runs: MonteCarloRuns, verbose: bool) -> None:
     echo(rate)
     for caution in cautions:
         echo(f"warning: {caution}", colour=WARNING)
-    rows = [(name, number(len(values)), *quantiles(values, (0.05, 0.5, 0.95))) for name, values in runs.spread()]
+    rows = [
+        (name, format_number(len(values)), *format_quantiles(values, (0.05, 0.5, 0.95)))
+        for name, values in runs.spread()
+    ]
     shown = rows if verbose else rows[:MOST_SHORT]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), shown, left_aligned=1)
     if len(shown) < len(rows):
@@ -364,8 +367,8 @@ def print_monte_carlo(runs: MonteCarloRuns, verbose: bool) -> None:
         for run in worst:
             seed = str(runs["seed"][run])
             outcome = "failed" if runs.failed[run] else "succeeded" if runs.succeeded[run] else "not judged"
-            end = number(float(runs["end_time"][run]), TIME)
-            error = number(float(runs["final_error"][run]))
+            end = format_number(float(runs["end_time"][run]), TIME)
+            error = format_number(float(runs["final_error"][run]))
             rows.append((seed, outcome, end, error, runs.why(run)))
         print_table(("seed", "", "ends [s]", "final error [tolerances]", "why"), rows)
         echo(f"repeat one: {runs.command(worst[0])}")

@@ -70,41 +70,50 @@ def compare_runs(log: Run, again: Run) -> Comparison:
         if (path in log or path in again) and not path.endswith("wall_time")
         if column.value is not None or not log.interrupted
     ]
-    differences = (_difference(column, log, again) for column in columns)
-    return Comparison(len(columns), tuple(each for each in differences if each is not None))
+    differences = (_compare_dataset(column, log, again) for column in columns)
+    return Comparison(len(columns), tuple(difference for difference in differences if difference is not None))
 
 
-def _difference(column: Column, log: Run, new_run: Run) -> Difference | None:
-    """Compare one dataset of a run with that of its repetition; None where all values are equal to the last bit.
+def _compare_dataset(column: Column, log: Run, new_run: Run) -> Difference | None:
+    """Compare one dataset of a run with that of its repetition, to the last bit.
 
     Args:
-        column: The dataset.
-        log: The run. Where it was interrupted, only the rows that it has are compared.
+        column: Path and units of the dataset.
+        log: The run. If it was interrupted, only the rows that it has are compared.
         new_run: Its repetition.
+
+    Returns:
+        How they differ: only one run has the dataset, shapes differ, or values do. None if all values are equal.
     """
     path = column.path
     units = column.units
-    description = ""
+    shapes_differ = ""  # the words for it, if they do
     if not (path in log and path in new_run):
         return Difference(path, units, f"only the {'log' if path in log else 'run'} has it")
     log_values = log[path]
     new_values = new_run[path]
     if log.interrupted:
-        new_values = new_values[tuple(map(slice, log_values.shape))]
+        rows_of_log = tuple(map(slice, log_values.shape))
+        new_values = new_values[rows_of_log]
     if log_values.shape != new_values.shape:
-        description = "shapes " + " and ".join("x".join(map(str, values.shape)) for values in (log_values, new_values))
-        common_rows = tuple(map(slice, np.minimum(log_values.shape, new_values.shape)))
-        log_values = log_values[common_rows]
-        new_values = new_values[common_rows]
-    # texts cannot be compared by isclose; NaN counts as equal to NaN
+        shapes = ("x".join(map(str, values.shape)) for values in (log_values, new_values))
+        shapes_differ = "shapes " + " and ".join(shapes)
+        common_part = tuple(map(slice, np.minimum(log_values.shape, new_values.shape)))
+        log_values = log_values[common_part]
+        new_values = new_values[common_part]
     are_numbers = log_values.dtype.kind in "fiu"  # float, signed and unsigned integer
-    is_same = np.isclose(log_values, new_values, 0, 0, equal_nan=True) if are_numbers else log_values == new_values
+    if are_numbers:
+        is_same = np.isclose(log_values, new_values, rtol=0, atol=0, equal_nan=True)  # NaN counts as equal to NaN
+    else:
+        is_same = log_values == new_values
     if np.all(is_same):
-        return Difference(path, units, description) if description else None
-    first_row = int(np.argwhere(~np.atleast_1d(is_same))[0, 0])
+        return Difference(path, units, shapes_differ) if shapes_differ else None
+    first_row = int(np.argwhere(~np.atleast_1d(is_same))[0, 0])  # a single value is one of one row
     if not are_numbers:
-        return Difference(path, units, description or "texts", row=first_row)
+        return Difference(path, units, shapes_differ or "texts", row=first_row)
     differences = np.abs(log_values.astype(float) - new_values.astype(float))[~is_same]
+    description = shapes_differ
     if not np.isfinite(differences).all():
-        description = description or "values only one of them has"
-    return Difference(path, units, description, float(np.nanmax(differences, initial=0.0)), first_row)
+        description = shapes_differ or "values only one of them has"
+    largest_difference = float(np.nanmax(differences, initial=0.0))  # initial: all of them may be NaN
+    return Difference(path, units, description, largest_difference, first_row)

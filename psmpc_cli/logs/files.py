@@ -17,7 +17,7 @@ import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.schema import FORMAT_VERSION, OLDEST_FORMAT, RUN
-from psmpc_cli.logs.walk import OF_SCALES, check_attributes, misfit, walk
+from psmpc_cli.logs.walk import OF_SCALES, require_harmless, require_plain_attributes, unexpected_item
 from psmpc_cli.specs.document import printable, read_regular, shortened
 
 T = TypeVar("T")
@@ -86,41 +86,44 @@ def read_file(
         path: The file.
         read: Reads the open file; what it returns is returned.
         expected: What was expected, for the messages.
-        kind: Kind of file that is expected, as `kind_in` tells it. By default any, and then only attributes of the file
-            are read, so that the check of its structure is left out.
+        kind: Kind of file that is expected, as `kind_in` tells it. By default any, and then `read` may read attributes
+            of the file alone, since the check of its structure is left out.
+
+    Returns:
+        What `read` returns.
 
     Raises:
         LogError: The file is missing, empty, no HDF5 file, damaged, of another program, format version or kind, or not
-            what `walk` allows.
+            what `require_harmless` allows.
     """
 
-    def rejected(found: str) -> LogError:
+    def unexpected(found: str) -> LogError:
         return LogError(f"{path}: found {found}, expected {expected}")
 
     try:
         if not path.is_file():
-            raise rejected("a directory" if path.is_dir() else "no regular file" if path.exists() else "no such file")
+            raise unexpected("a directory" if path.is_dir() else "no regular file" if path.exists() else "no such file")
         if not path.stat().st_size:
-            raise rejected("an empty file")
-        path.open("rb").close()  # HDF5 does not say why a file cannot be read
+            raise unexpected("an empty file")
+        path.open("rb").close()  # raises the reason why a file cannot be read, which HDF5 does not say
     except OSError as error:
-        raise rejected(f"no readable file ({error.strerror or error})") from None
+        raise unexpected(f"no readable file ({error.strerror or error})") from None
     if not h5py.is_hdf5(path):
-        raise rejected("no HDF5 file")
+        raise unexpected("no HDF5 file")
     try:
-        with h5py.File(path, "r", locking=False) as file:
+        with h5py.File(path, "r", locking=False) as file:  # not locked, since a run may go on writing it
             if not ("format_version" in file.attrs and "psmpc_version" in file.attrs):
-                raise rejected("an HDF5 file of another program")
-            check_attributes(file)
-            _check_version(path, file)
+                raise unexpected("an HDF5 file of another program")
+            require_plain_attributes(file)
+            _require_readable_version(path, file)
             if kind not in ("", kind_in(file)):
-                raise rejected(f"a {kind_in(file)}")
+                raise unexpected(f"a {kind_in(file)}")
             if kind:
-                walk(file)
+                require_harmless(file)
             return read(file)
     except DAMAGE as error:
         reason = (str(error) or type(error).__name__).partition("\n")[0][:200]
-        raise rejected(f"an HDF5 file that is cut off or damaged ({reason})") from None
+        raise unexpected(f"an HDF5 file that is cut off or damaged ({reason})") from None
 
 
 def read_array(dataset: h5py.Dataset) -> np.ndarray:
@@ -134,7 +137,7 @@ def read_array(dataset: h5py.Dataset) -> np.ndarray:
     texts = np.asarray(dataset.asstr()[()], dtype=object)
     size = texts.size * np.dtype("U1").itemsize * max(map(len, texts.flat), default=0)
     if size > LARGEST_TEXTS:
-        raise misfit(dataset, f"texts that take {size} bytes", f"at most {LARGEST_TEXTS}")
+        raise unexpected_item(dataset, f"texts that take {size} bytes", f"at most {LARGEST_TEXTS}")
     return texts.astype(str)
 
 
@@ -159,8 +162,8 @@ def kind_in(file: h5py.File) -> str:
     return printable(shortened(str(file.attrs.get("kind", RUN))))
 
 
-def _check_version(path: Path, file: h5py.File) -> None:
-    """Reject a file of another format version."""
+def _require_readable_version(path: Path, file: h5py.File) -> None:
+    """Raise LogError if a file has a format version that this program does not read."""
     format_version = file.attrs["format_version"]
     if format_version not in range(OLDEST_FORMAT, FORMAT_VERSION + 1):
         version, writer = (
@@ -189,9 +192,10 @@ def check_output(
         inputs: Files that the command reads, which it never writes over, or names of built-in ones.
 
     Raises:
-        InputError: The path is taken, leads to an input or nowhere, or no file can be made there.
+        InputError: The path is a directory, a link to nothing, or a file that is read; a file is there that may not be
+            replaced; or no file can be made there.
     """
-    with writing(path):
+    with writing(path):  # what the system says against it becomes an InputError
         if path.is_dir():
             raise InputError(f"{path} is a directory: name a file in it with {option}")
         if path.is_symlink() and not path.exists():
@@ -205,17 +209,17 @@ def check_output(
             raise InputError(f"{path} is read by this command: choose another file with {option}")
         if not force:
             raise InputError(f"{path} exists already: choose another file with {option}, or overwrite it with --force")
-        other_kind = _describe_other(path, kind)
+        other_kind = _name_of_other_kind(path, kind)
         if other_kind:
             raise InputError(
                 f"{path}: found {other_kind}, expected {kind.name}, which --force replaces; "
                 f"choose another file with {option}"
             )
-        ensure_creatable(path.resolve().parent, option)
+        ensure_creatable(path.resolve().parent, option)  # resolved: a link is replaced where it leads to
 
 
-def _describe_other(path: Path, kind: FileKind) -> str:
-    """Say what a file is that is neither empty nor of a kind; nothing of any other file."""
+def _name_of_other_kind(path: Path, kind: FileKind) -> str:
+    """Return what messages call a file that one of a kind must not replace; empty if it is empty or of that kind."""
     if not path.is_file():
         return "no regular file"
     if not path.stat().st_size:
@@ -223,7 +227,7 @@ def _describe_other(path: Path, kind: FileKind) -> str:
     head = read_regular(path, HEAD, cut=True)
     if kind.beginning.match(head):
         return ""
-    names = (each.name for each in _KINDS if each.beginning.match(head))
+    names = (known_kind.name for known_kind in _KINDS if known_kind.beginning.match(head))
     return next(names, "a text file" if head.isascii() and b"\0" not in head else "a file of another kind")
 
 
@@ -275,8 +279,8 @@ def write_new(
         kind: Kind of the file.
         option: Option of the command line that names the path, for the messages.
         inputs: Files that the command reads, which it never writes over.
-        replace: Writes the content in the place of a file that is locked, as `FileLock.replace` does; by default a new
-            file is written beside it and takes its place.
+        replace: Called with the content to put it in the place of a file that is locked, see `FileLock.replace`; by
+            default a new file is written beside the old one and takes its place.
 
     Raises:
         InputError: The path is taken, see `check_output`, or the file cannot be written.
@@ -292,7 +296,7 @@ def write_new(
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Report what the system says against a new file.
+    """Turn errors of the system while a file is written into an InputError that names the file.
 
     Raises:
         InputError: The file, or its folder, cannot be written.
@@ -322,6 +326,9 @@ def replacing(path: Path) -> Iterator[Path]:
     The temporary file stands in the same folder, with the same ending, and has a name that nobody can guess: so no one
     can put a link there beforehand that leads the writing elsewhere.
 
+    Yields:
+        The temporary path, at which an empty file is.
+
     Raises:
         OSError: It cannot be written; the file that was there stays.
     """
@@ -347,7 +354,7 @@ class FileLock:
         self._locked: BinaryIO | None = None
 
     def __enter__(self) -> Self:
-        """Lock the file, if there is one, so that no other process writes it meanwhile.
+        """Lock the file, if there is one, so that no other process fills it in meanwhile.
 
         Another process may replace the file between opening and locking it. Then the lock is on a file that is gone,
         and the new one is locked instead.
@@ -355,10 +362,10 @@ class FileLock:
         Raises:
             InputError: Another process has the lock, or the file cannot be opened for writing.
         """
-        with writing(self.path):
+        with writing(self.path):  # what the system says against it becomes an InputError
             while self._locked is None and self.path.exists():
                 file = self.path.open("rb+")
-                if not _lock(file):
+                if not _could_lock(file):
                     file.close()
                     raise InputError(
                         f"{self.path} is being filled in by another process: wait for its end, or choose another file "
@@ -381,7 +388,7 @@ class FileLock:
         """
         with replacing(self.path) as part:
             file = part.open("rb+")
-            _lock(file)
+            _could_lock(file)  # always: nobody else knows the new file
             file.write(image)
             file.flush()
         self._unlock()
@@ -392,8 +399,8 @@ class FileLock:
             self._locked.close()
 
 
-def _lock(file: BinaryIO) -> bool:
-    """Lock an open file; tell whether no other process had locked it."""
+def _could_lock(file: BinaryIO) -> bool:
+    """Lock an open file if no other process has locked it, and tell whether that is so."""
     try:
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError):

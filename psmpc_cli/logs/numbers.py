@@ -17,7 +17,7 @@ FIXED = 6
 """Largest power of ten, and smallest when negative, of digits that are written without an exponent."""
 
 
-def number(value: float, resolution: float = 0.0, sign: str = "") -> str:
+def format_number(value: float, resolution: float = 0.0, sign: str = "") -> str:
     """Write a number with as many digits as mean something, given how accurately it is known.
 
     Args:
@@ -26,22 +26,23 @@ def number(value: float, resolution: float = 0.0, sign: str = "") -> str:
         sign: "+" writes the sign of positive numbers too.
 
     Returns:
-        The number in fixed notation, or with an exponent if it is very large or small.
+        The number in fixed notation, or with an exponent if one of its digits is more than `FIXED` places from the
+        point.
     """
     if isinstance(value, int):
         return f"{value:{sign}d}"
     if not math.isfinite(value):
         return "-" if math.isnan(value) else f"{value:{sign}}"
-    # powers of ten of the last and of the first digit
-    last = last_place(value, resolution)
-    leading = max(_first_place(value), last)
-    if -last > FIXED or leading > FIXED:
-        return f"{value:{sign}.{leading - last}e}"
-    return f"{round(value, -last) + 0.0:{sign}.{max(-last, 0)}f}"
+    last_power = last_place(value, resolution)  # of ten, of the last digit
+    first_power = max(_first_place(value), last_power)
+    if -last_power > FIXED or first_power > FIXED:
+        return f"{value:{sign}.{first_power - last_power}e}"
+    rounded = round(value, -last_power) + 0.0  # adding 0 makes -0.0 to 0.0
+    return f"{rounded:{sign}.{max(-last_power, 0)}f}"
 
 
 def last_place(value: float, resolution: float = 0.0) -> int:
-    """Return the power of ten of the last digit of a number that `number` writes."""
+    """Return the power of ten of the last digit of a number that `format_number` writes."""
     if resolution > 0:
         return math.floor(math.log10(resolution) + 1e-9)  # 0.001 and its like are not exactly powers of ten
     return _first_place(value) - DIGITS + 1
@@ -57,28 +58,28 @@ def with_unit(text: str, unit: str) -> str:
     return text if unit in ("", "1") or text in EMPTY else f"{text} {unit}"
 
 
-def quantiles(values: np.ndarray, probabilities: tuple[float, ...]) -> tuple[str, ...]:
+def format_quantiles(values: np.ndarray, probabilities: tuple[float, ...]) -> tuple[str, ...]:
     """Write quantiles of random draws, with no more digits than so few draws justify.
 
-    The number of draws below a quantile is binomial, with the standard deviation sqrt(p (1 - p) / K) as a share of K.
-    Half the difference of the quantiles that much to both sides is taken as the resolution. (Distribution-free; David
-    and Nagaraja, Order Statistics, 2003, section 7.1.)
+    The number of draws below a quantile is binomial, with the standard deviation sqrt(p (1 - p) / K) as a fraction of
+    K. Half the difference of the quantiles that much to both sides is taken as the resolution. (Distribution-free;
+    David and Nagaraja, Order Statistics, 2003, section 7.1.)
 
     Args:
         values: The draws (K,).
-        probabilities: Which quantiles.
+        probabilities: Which quantiles, each in [0, 1].
 
     Returns:
-        A text for each; dashes without draws.
+        The quantiles as texts, one for each probability; dashes if there are no draws.
     """
     if not len(values):
         return ("-",) * len(probabilities)
     texts = []
     for probability in probabilities:
         deviation = math.sqrt(probability * (1 - probability) / len(values))
-        low, quantile, high = np.quantile(
-            values, np.clip([probability - deviation, probability, probability + deviation], 0, 1)
-        )
-        least_resolution = 10.0 ** last_place(float(quantile))
-        texts.append(number(float(quantile), max(float(high - low) / 2, least_resolution)))
+        around = np.clip([probability - deviation, probability, probability + deviation], 0, 1)
+        low, quantile, high = np.quantile(values, around)
+        resolution = float(high - low) / 2
+        resolution_of_digits = 10.0 ** last_place(float(quantile))  # not finer, even if all draws are the same
+        texts.append(format_number(float(quantile), max(resolution, resolution_of_digits)))
     return tuple(texts)

@@ -15,7 +15,7 @@ from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
 from psmpc_cli.logs.files import FileLock, new_image, read_array, read_attributes, read_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
-from psmpc_cli.logs.walk import misfit
+from psmpc_cli.logs.walk import unexpected_item
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,11 @@ class Quantity:
     units: str
     long_name: str
     meanings: tuple[str, ...] = ()
+
+    @property
+    def is_dimension(self) -> bool:
+        """Whether it is a coordinate, along which other quantities run."""
+        return self.dims == (self.name,)
 
     @property
     def is_text(self) -> bool:
@@ -91,10 +96,13 @@ class Results:
         """Write attributes and quantities into an empty HDF5 file, those that are dimensions of others first.
 
         The others are tied to these by HDF5's dimension scales, so that other programs know what runs along each axis.
+
+        Args:
+            file: The file, open for writing.
         """
         file.attrs.update(self.attributes)
         datasets = dict[str, h5py.Dataset]()
-        for quantity in sorted(self.quantities.values(), key=lambda quantity: quantity.dims != (quantity.name,)):
+        for quantity in sorted(self.quantities.values(), key=lambda quantity: not quantity.is_dimension):
             values = quantity.values
             if quantity.is_text:
                 values = np.array(values.tolist(), h5py.string_dtype())
@@ -105,10 +113,10 @@ class Results:
             dataset.attrs.update(
                 {"units": quantity.units, "long_name": quantity.long_name, "dims": " ".join(quantity.dims)}
             )
-            if quantity.meanings:
+            if quantity.meanings:  # the values are codes; the names of these attributes are those of the CF conventions
                 codes = {"flag_values": np.arange(len(quantity.meanings)), "flag_meanings": " ".join(quantity.meanings)}
                 dataset.attrs.update(codes)
-            if quantity.dims == (quantity.name,):
+            if quantity.is_dimension:
                 dataset.make_scale(quantity.name)
                 continue
             for dimension, name in zip(dataset.dims, quantity.dims, strict=True):
@@ -130,14 +138,19 @@ def read_results(path: Path, kind: str) -> Results:
         path: The file.
         kind: Which kind of study is expected.
 
+    Returns:
+        The results, in memory.
+
     Raises:
-        LogError: The file is missing, damaged, of another version, or of another kind.
+        LogError: The file is missing, damaged, of another version, or of another kind; a dataset is not as long as its
+            dimensions, or has a code without a meaning.
     """
 
-    def read(file: h5py.File) -> Results:
+    def read_open(file: h5py.File) -> Results:
         """Read every dataset of the open file as a quantity along named dimensions.
 
-        The length of a dimension is the size of the dataset that has its name. Values with `flag_meanings` are codes.
+        The names of its dimensions are in the attribute `dims`. A dimension is a dataset that runs along itself alone,
+        and its length is that of the dimension. Values with `flag_meanings` are codes: 0 for the first meaning.
 
         Raises:
             LogError: A dataset is not as long as its dimensions, or has a code without a meaning.
@@ -147,15 +160,23 @@ def read_results(path: Path, kind: str) -> Results:
         attributes = {name: read_attributes(dataset) for name, dataset in datasets.items()}
         dims_of = {name: tuple(str(of_dataset.get("dims", "")).split()) for name, of_dataset in attributes.items()}
         for name, dataset in datasets.items():
+            # 0, which no dataset may have, for a dimension that is none
             lengths = tuple(datasets[dim].size if dims_of.get(dim) == (dim,) else 0 for dim in dims_of[name])
             if not isinstance(dataset, h5py.Dataset) or dataset.shape != lengths or 0 in lengths:
-                raise misfit(dataset, str(dataset), f"a dataset along {dims_of[name]} of shape {lengths}, none 0")
-            description_keys = ("units", "long_name", "flag_meanings")
-            units, long_name, meanings = (str(attributes[name].get(key, "")) for key in description_keys)
-            description = units, long_name, tuple(meanings.split())
-            quantities[name] = Quantity(name, dims_of[name], read_array(dataset), *description)
-            if meanings and not np.isin(quantities[name].values, np.arange(len(meanings.split()))).all():
-                raise misfit(dataset, "a code without a meaning", f"numbers of {meanings}")
+                expected = f"a dataset along {dims_of[name]} of shape {lengths}, none 0"
+                raise unexpected_item(dataset, str(dataset), expected)
+            meanings = tuple(str(attributes[name].get("flag_meanings", "")).split())
+            values = read_array(dataset)
+            quantities[name] = Quantity(
+                name=name,
+                dims=dims_of[name],
+                values=values,
+                units=str(attributes[name].get("units", "")),
+                long_name=str(attributes[name].get("long_name", "")),
+                meanings=meanings,
+            )
+            if meanings and not np.isin(values, np.arange(len(meanings))).all():
+                raise unexpected_item(dataset, "a code without a meaning", f"numbers of {' '.join(meanings)}")
         return Results(path, read_attributes(file), quantities)
 
-    return read_file(path, read, f"a {kind} written by psmpc", kind)
+    return read_file(path, read_open, f"a {kind} written by psmpc", kind)

@@ -40,8 +40,8 @@ from psmpc_cli.logs.schema import (
     units_of_columns,
 )
 from psmpc_cli.logs.summary import Summary, early_starts
-from psmpc_cli.logs.verdicts import returns_of
-from psmpc_cli.logs.walk import RUNS, misfit
+from psmpc_cli.logs.verdicts import samples_of_returns
+from psmpc_cli.logs.walk import RUNS, unexpected_item
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import ObjectState, Problem, build_problem
 from psmpc_cli.ocp.reference import Trajectory
@@ -272,6 +272,9 @@ class Run:
     def task(self) -> Task:
         """The task as it ran, parsed from the texts of task and robot in the log; checked to be that of the datasets.
 
+        If somebody edited these texts, figures and summaries would mix two tasks. So the digest, and the names of
+        coordinates and stages, have to be those of the datasets.
+
         Raises:
             LogError: The texts in the log are not a task and a robot of this version, or not those of this run.
         """
@@ -284,9 +287,10 @@ class Run:
             raise LogError(f"{self.path}: the task and robot in it do not describe the run it holds")
         stage_names = tuple(stage.name for stage in task.spec.stages)
         coordinate_names = labels(task.robot, "joint")
-        expected = {"coordinate": coordinate_names, "stage": stage_names, "stages/name": stage_names}
-        for path, names_in_task in expected.items():
-            if (names_in_log := tuple(self[path].tolist())) != names_in_task:
+        expected_names = {"coordinate": coordinate_names, "stage": stage_names, "stages/name": stage_names}
+        for path, names_in_task in expected_names.items():
+            names_in_log = tuple(self[path].tolist())
+            if names_in_log != names_in_task:
                 raise LogError(
                     f"{self.path}: /{path}: found {', '.join(names_in_log)}, "
                     f"expected {', '.join(names_in_task)} as its task has"
@@ -362,27 +366,30 @@ class Run:
         """The time spans of all stages that were reached, in order, for figures and reports.
 
         A stage begins at the switch time of the one before. It may act on the control before that, which is its early
-        start. A stage of which there is only an early start has `start` at the end of the run. Where the sequence
-        returned to an earlier stage, stages occur once for each try.
+        start. A stage of which there is only an early start has `start` at the end of the run. If the sequence returned
+        to an earlier stage, after grippers missed or lost the object, stages occur once for each try.
 
         Raises:
             LogError: The run has no samples; or as for `task`.
         """
-        spans_before_return = self._spans_of_earlier_tries
+        earlier_spans = self._spans_of_earlier_tries
         end_of_run = self.motion.end
-        start = spans_before_return[-1].end if spans_before_return else float(self.time[0])
-        first = int(self["window/first"][returns_of(self.arrays)[-1]]) if spans_before_return else 0
+        start = earlier_spans[-1].end if earlier_spans else float(self.time[0])
+        # the last try begins with the stage to which the sequence returned last
+        first_stage = int(self["window/first"][samples_of_returns(self.arrays)[-1]]) if earlier_spans else 0
         stages = self.stages
         starts_early = early_starts(self.arrays, self.task.spec.onset.epsilon)
         spans: list[Span] = []
-        for index, name in list(enumerate(self.stage_names))[first:]:
-            actual_start, switch_time = (float(stages[key][index]) for key in ("actual_start", "switch_time"))
+        for index, name in list(enumerate(self.stage_names))[first_stage:]:
+            actual_start = float(stages["actual_start"][index])
+            switch_time = float(stages["switch_time"][index])
             early_start = actual_start if index and starts_early[index] and actual_start < start else None
             if spans and start >= end_of_run and early_start is None:
-                break
-            spans.append(Span(index, name, start, switch_time if np.isfinite(switch_time) else end_of_run, early_start))
-            start = spans[-1].end
-        return (*spans_before_return, *spans)
+                break  # this stage was not reached
+            end = switch_time if np.isfinite(switch_time) else end_of_run
+            spans.append(Span(index, name, start, end, early_start))
+            start = end
+        return (*earlier_spans, *spans)
 
     @cached_property
     def _spans_of_earlier_tries(self) -> tuple[Span, ...]:
@@ -392,26 +399,32 @@ class Run:
         then ends at the return. A stage that was never current at a sample has no span, and early starts are left out.
         """
         spans: list[Span] = []
-        first_sample = 0
-        for sample in returns_of(self.arrays):
-            ends = np.fmax.reduce(self["window/ended_at"][first_sample : sample + 1], axis=0, initial=np.nan)
-            stages = np.unique(self["window/first"][first_sample:sample]).tolist()
-            for index in stages:
+        first_sample = 0  # of a try, which lasts up to the sample of the return
+        for return_sample in samples_of_returns(self.arrays):
+            # by stage, when it ended in this try [s]; a sample has NaN for stages that did not end since the one before
+            end_times = np.fmax.reduce(
+                self["window/ended_at"][first_sample : return_sample + 1], axis=0, initial=np.nan
+            )
+            stages_of_try = np.unique(self["window/first"][first_sample:return_sample]).tolist()
+            for index in stages_of_try:
                 start = spans[-1].end if spans else float(self.time[0])
-                end = float(self.time[sample] if index == stages[-1] else ends[index])
-                spans.append(Span(index, self.stage_names[index], start, end, None))
-            first_sample = sample
+                is_last = index == stages_of_try[-1]
+                end = float(self.time[return_sample] if is_last else end_times[index])
+                spans.append(Span(index, self.stage_names[index], start, end, early=None))
+            first_sample = return_sample
         return tuple(spans)
 
     @cached_property
     def switches(self) -> tuple[tuple[int, float], ...]:
         """Index and switch time [s] of each stage that ended, as often as it did, in order."""
-        first_of_last_try = max(returns_of(self.arrays), default=0)
-        rows = self.arrays.get("window/ended_at", np.zeros((0, 0)))[: first_of_last_try + 1]
-        ends = self.stages["switch_time"]
-        in_last_try = [(index, float(ends[index])) for index in np.flatnonzero(np.isfinite(ends)).tolist()]
-        in_earlier = {(index, float(rows[row, index])) for row, index in np.argwhere(np.isfinite(rows)).tolist()}
-        return tuple(sorted({*in_earlier, *in_last_try}, key=lambda switch: (switch[1], switch[0])))
+        last_return = max(samples_of_returns(self.arrays), default=0)
+        ended_at = self.arrays.get("window/ended_at", np.zeros((0, 0)))[: last_return + 1]  # (samples, S)
+        last_ends = self.stages["switch_time"]
+        in_last_try = [(index, float(last_ends[index])) for index in np.flatnonzero(np.isfinite(last_ends)).tolist()]
+        in_earlier_tries = {
+            (index, float(ended_at[sample, index])) for sample, index in np.argwhere(np.isfinite(ended_at)).tolist()
+        }
+        return tuple(sorted({*in_earlier_tries, *in_last_try}, key=lambda switch: (switch[1], switch[0])))
 
     def followed(self, span: Span) -> Stage:
         """Return the stage of a span, with the target it had at its end.
@@ -487,6 +500,8 @@ class Run:
     def to_csv(self, directory: Path | str, force: bool = False) -> list[Path]:
         """Export the run to tables for other programs: samples.csv and stages.csv, and ticks.csv if ticks were logged.
 
+        Ticks are the periods of the low-level controller; a sample has several.
+
         Args:
             directory: Where they are written; created if necessary.
             force: Overwrite tables that are there.
@@ -498,20 +513,28 @@ class Run:
             InputError: A file exists already, or the directory cannot be written.
         """
         directory = Path(directory)
-        tables = {"samples.csv": self._table("time"), "stages.csv": self._table("stage", "stages/")}
+        tables = {
+            "samples.csv": self._csv_table(along="time"),
+            "stages.csv": self._csv_table(along="stage", left_out="stages/"),
+        }
         if self.ticks:
-            tables["ticks.csv"] = self._table("ticks/tick", "ticks/")
+            tables["ticks.csv"] = self._csv_table(along="ticks/tick", left_out="ticks/")
         paths = [directory / name for name in tables]
-        for path in paths:
-            check_output(path, force, TABLE, "--csv")
-        for path, table in zip(paths, tables.values(), strict=True):
+        for path in paths:  # before the first is written, so that all of them are or none
+            check_output(path, force, kind=TABLE, option="--csv")
+        for path, columns_by_heading in zip(paths, tables.values(), strict=True):
             text = StringIO(newline="")
-            csv.writer(text).writerows([table, *zip(*table.values(), strict=True)])
-            write_new(path, text.getvalue().encode(), force, TABLE, "--csv")
+            headings = list(columns_by_heading)
+            rows = zip(*columns_by_heading.values(), strict=True)
+            csv.writer(text).writerows([headings, *rows])
+            write_new(path, text.getvalue().encode(), force, kind=TABLE, option="--csv")
         return paths
 
     def to_xarray(self) -> "xarray.Dataset":
         """Convert all datasets with a row for each sample to an xarray.Dataset, with named dimensions and units.
+
+        Where the columns of a dataset have different units (of lengths and angles), its attribute `column_units` lists
+        them.
 
         Raises:
             InputError: xarray is not installed.
@@ -521,12 +544,12 @@ class Run:
         except ImportError:
             raise InputError("found no xarray, which Run.to_xarray needs: pip install xarray") from None
         sampled_columns = self._columns_along("time")
-        attributes_of: dict[Column, dict[str, Any]] = {}
+        variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]] = {}
         for column in sampled_columns:
-            attributes_of[column] = {"units": column.units, "long_name": column.long_name}
+            attributes: dict[str, Any] = {"units": column.units, "long_name": column.long_name}
             if len(column.dims) == 2 and len({*self._units_of_columns(column)}) > 1:
-                attributes_of[column][COLUMN_UNITS] = self._units_of_columns(column)
-        variables = {column.path: (column.dims, self[column.path], attributes_of[column]) for column in sampled_columns}
+                attributes[COLUMN_UNITS] = self._units_of_columns(column)
+            variables[column.path] = (column.dims, self[column.path], attributes)
         coordinates = {dim: self[dim] for column in sampled_columns for dim in column.dims}
         return xarray.Dataset(variables, coordinates, dict(self.attributes))
 
@@ -545,34 +568,38 @@ class Run:
         names = self[column.dims[-1]].tolist()
         return units_of_columns(column, names, sliding_of(self.attributes)) or [column.units] * len(names)
 
-    def _table(self, along: str, left_out: str = "") -> dict[str, Array]:
-        """Build the table of everything along one dimension, for a CSV file: one-dimensional columns by heading.
+    def _csv_table(self, along: str, left_out: str = "") -> dict[str, Array]:
+        """Collect all datasets along one dimension as the columns of a CSV table.
 
-        A dataset with more dimensions becomes a column for each element, which its heading names: `state/Q/base.x [m]`.
+        A dataset with more dimensions becomes a column for each element of its rows, which the heading names:
+        `state/Q/base.x [m]`.
 
         Args:
             along: Path of the scale of the dimension, such as `time`.
             left_out: Beginning of paths that headings leave out.
+
+        Returns:
+            One-dimensional columns of equal length, by heading.
         """
         table = {"time [s]": self.time} if along == "time" else {}
         for column in self._columns_along(along):
             name = column.path.removeprefix(left_out)
             values = self[column.path]
             if values.ndim == 1:
-                table[_with_unit(name, column.units)] = values
+                table[_heading(name, column.units)] = values
                 continue
             units = self._units_of_columns(column) if values.ndim == 2 else [column.units] * values.shape[1]
             for index in np.ndindex(values.shape[1:]):
-                column_labels = [self[scale][position] for scale, position in zip(column.dims[1:], index, strict=True)]
-                heading = "/".join(
-                    [name, *(label if isinstance(label, str) else f"{label:g}" for label in column_labels)]
+                labels_of_element = (
+                    self[scale][position] for scale, position in zip(column.dims[1:], index, strict=True)
                 )
-                table[_with_unit(heading, units[index[0]])] = values[:, *index]
+                texts = (label if isinstance(label, str) else f"{label:g}" for label in labels_of_element)
+                table[_heading("/".join([name, *texts]), units[index[0]])] = values[:, *index]
         return table
 
 
-def _with_unit(name: str, unit: str) -> str:
-    """Return the heading of a column of a CSV table."""
+def _heading(name: str, unit: str) -> str:
+    """Return the heading of a column of a CSV table: its name, and its unit if it has one."""
     return name if unit == "1" else f"{name} [{unit}]"
 
 
@@ -597,10 +624,10 @@ def resolve_runs(runs: RunOrPath | Mapping[str, RunOrPath]) -> Run | dict[str, R
         runs: A run, the path of its log or of a comparison, or several runs by name, each as a run or a path.
 
     Returns:
-        A run, or several by name.
+        A run for a run or the path of its log; else several by name.
 
     Raises:
-        InputError: There is no run.
+        InputError: It is none of these, or a mapping of no runs.
         LogError: As for `read_run`, of a file that a path leads to.
     """
     wanted = "a Run, the path of its log, or a mapping of names to at least one of them"
@@ -627,14 +654,16 @@ def read_comparison(path: Path) -> dict[str, Run]:
         LogError: As for `read_run`; or the file is no comparison.
     """
 
-    def read(file: h5py.File) -> dict[str, Run]:
-        names = file.attrs[RUNS].tolist()
+    def read_open(file: h5py.File) -> dict[str, Run]:
+        names = file.attrs[RUNS].tolist()  # in the order of the comparison, which the groups do not have
         groups = file[RUNS]
+        # there is nothing beside the groups, and none has a name that HDF5 takes for the group itself or the one above
         if sorted(names) != sorted(groups) or not names or {".", ".."} & {*names} or len(file) > 1:
-            raise misfit(file, f"the groups {', '.join(groups)}", "one for each run", f" attribute {RUNS}")
+            found = f"the groups {', '.join(groups)}"
+            raise unexpected_item(file, found, "one for each run", at=f" attribute {RUNS}")
         return {name: run_in(groups[name], path) for name in names}
 
-    return read_file(path, read, "a comparison written by psmpc compare", COMPARISON)
+    return read_file(path, read_open, "a comparison written by psmpc compare", COMPARISON)
 
 
 def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
@@ -648,6 +677,9 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         group: The group; the root of a log, or a run in a comparison.
         path: The file, for messages.
 
+    Returns:
+        The run, with all of its arrays in memory.
+
     Raises:
         LogError: The group is not as the schema has it.
         Exception: One of `files.DAMAGE`: it is damaged.
@@ -657,23 +689,27 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         raise ValueError(f"no attribute {', '.join(missing)}")
     for name, type_of_attribute in ATTRIBUTES.items():
         if not isinstance(attributes[name], type_of_attribute):
-            raise misfit(group, repr(attributes[name]), f"a {type_of_attribute.__name__}", f" attribute {name}")
-    members: list[str] = []
+            raise unexpected_item(
+                group, repr(attributes[name]), f"a {type_of_attribute.__name__}", f" attribute {name}"
+            )
+    members: list[str] = []  # paths of all groups and datasets
     group.visit(members.append)
     columns = layout(Q_COORDINATE in members)
+    # a condition holds if one of its datasets is there; then all of them have to be
     conditions = {ALWAYS, *(column.only for column in columns if column.path in members)}
-    expected_columns = [part for column in columns if column.only in conditions for part in column.parts]
+    columns_of_log = [part for column in columns if column.only in conditions for part in column.parts]
     format_version = int(group.file.attrs["format_version"])
-    datasets = _datasets(group, members, [column for column in expected_columns if column.since <= format_version])
+    columns_of_format = [column for column in columns_of_log if column.since <= format_version]
+    datasets = _open_datasets(group, members, columns_of_format)
     arrays = {path: read_array(dataset) for path, dataset in datasets.items()}
-    for column in expected_columns:
+    for column in columns_of_log:
         if column.path not in arrays:
             arrays[column.path] = np.full([len(arrays[dim]) for dim in column.dims], column.unknown)
-    _check_values(group, arrays)
+    _require_consistent_values(group, arrays)
     return Run(path, attributes, arrays)
 
 
-def _datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Column]) -> dict[str, h5py.Dataset]:
+def _open_datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Column]) -> dict[str, h5py.Dataset]:
     """Open the datasets of a log, and check that they are exactly those of the schema, with its types and shapes.
 
     All are checked before any is read, so that a file of another program is found at once. A dataset is as long as the
@@ -692,8 +728,10 @@ def _datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Co
     """
     columns_by_path = {column.path: column for column in expected}
     group_paths = {path.rpartition("/")[0] for path in columns_by_path}
-    if unknown := [path for path in members if path not in columns_by_path and path not in group_paths]:
-        raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
+    unknown_paths = [path for path in members if path not in columns_by_path and path not in group_paths]
+    if unknown_paths:
+        first_unknown = group[unknown_paths[0]]
+        raise unexpected_item(first_unknown, "a dataset or group that no such log has", "those of docs/log.md")
     datasets = {path: group[path] for path in columns_by_path}
     scale_lengths = {path: len(datasets[path]) for path, column in columns_by_path.items() if column.is_scale}
     for path, column in columns_by_path.items():
@@ -701,25 +739,33 @@ def _datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Co
         shape = tuple(scale_lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)
         if not isinstance(dataset, h5py.Dataset) or (dataset.shape, dataset.dtype) != (shape, dtype):
-            raise misfit(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
+            raise unexpected_item(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
     return datasets
 
 
-def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
+def _require_consistent_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
     """Make sure that times rise, and that indices and lengths lie within the arrays that they refer to.
 
     Whoever reads the log relies on it: with an index beyond an array, figures and summaries would fail in the middle.
 
+    Args:
+        group: The group of the run, for messages.
+        arrays: Its datasets by path.
+
     Raises:
-        LogError: They do not.
+        LogError: Times do not rise, or an index or a length is beyond its array.
     """
     stages = len(arrays["stage"])
-    bounds = {"window/first": stages - 1, "window/count": stages - arrays["window/first"]}
-    bounds |= {f"{path}_length": values.shape[1] for path, values in arrays.items() if f"{path}_length" in arrays}
-    for path, most in bounds.items():
+    # the largest value of each index or length: of the first stage in a window, of the number of stages from it on, and
+    # of the length of a row with a length of its own
+    largest_allowed = {"window/first": stages - 1, "window/count": stages - arrays["window/first"]}
+    for path, values in arrays.items():
+        if f"{path}_length" in arrays:
+            largest_allowed[f"{path}_length"] = values.shape[1]
+    for path, most in largest_allowed.items():
         if ((arrays[path] < 0) | (arrays[path] > most)).any():
-            raise misfit(group[path], "an index or a length beyond what it is of", "none")
+            raise unexpected_item(group[path], "an index or a length beyond what it is of", "none")
     for path in ("time", "ticks/time"):
         time = arrays.get(path, np.zeros(0))
         if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
-            raise misfit(group[path], "times that do not rise", "each after the one before")
+            raise unexpected_item(group[path], "times that do not rise", "each after the one before")

@@ -211,9 +211,9 @@ class Column:
 
     @property
     def parts(self) -> "tuple[Column, ...]":
-        """All datasets that the column consists of: itself, and two more if its rows have lengths of their own.
+        """All datasets that the column consists of: itself, and two more if its rows have different lengths.
 
-        These are the lengths of its rows, and the scale of its second dimension, the index along a row.
+        These two are the lengths of its rows, and the scale of its second dimension, which is the index along a row.
         """
         if not self.ragged:
             return (self,)
@@ -225,8 +225,8 @@ class Column:
             dtype="i4",
             dims=("time",),
         )
-        element = self.dims[1]
-        index = replace(lengths, path=element, long_name=f"index into a row of {self.path}", dims=(element,))
+        scale = self.dims[1]
+        index = replace(lengths, path=scale, long_name=f"index into a row of {self.path}", dims=(scale,))
         return self, lengths, index
 
 
@@ -822,22 +822,26 @@ def sliding_of(attributes: Mapping[str, Any]) -> list[str]:
 
 
 def units_of_columns(column: Column, names: Sequence[str], sliding: Collection[str]) -> list[str] | None:
-    """Return the unit of each column of a dataset that mixes lengths and angles, such as Q; None of any other dataset.
+    """Return the unit of each column of a dataset that mixes lengths and angles, such as Q.
 
     Args:
-        column: The dataset. Its `units` are those of lengths and of angles, or of all its columns, separated by commas.
+        column: The dataset. Its `units` are either two, of lengths and of angles ("m, rad"), or one for each of its
+            columns, separated by commas.
         names: Names of its columns: coordinates such as `base.x`, or names of joints.
         sliding: Names of the joint coordinates that are lengths.
+
+    Returns:
+        The units in the order of the columns; None for a dataset whose columns all have the same unit.
     """
     units = column.units.split(", ")
     if column.is_scale or len(units) == 1 or column.dims[-1:] not in [(dim,) for dim in OF_COORDINATES]:
         return None
     if len(units) == len(names):
         return units
-    of_length, of_angle = units
-    by_kind = {LENGTH: of_length, ANGLE: of_angle, PURE_NUMBER: "1"}
-    parts = (name.rpartition(".") for name in names)
-    return [by_kind[units_of(part, axis, sliding)] for part, _, axis in parts]
+    unit_of_lengths, unit_of_angles = units
+    by_kind = {LENGTH: unit_of_lengths, ANGLE: unit_of_angles, PURE_NUMBER: "1"}  # no unit: parts of a quaternion
+    parts_and_axes = (name.rpartition(".") for name in names)  # "base.x" is the axis x of the part base
+    return [by_kind[units_of(part, axis, sliding)] for part, _, axis in parts_and_axes]
 
 
 def conditions_of(recorded: Recorded) -> frozenset[Condition]:

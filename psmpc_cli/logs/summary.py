@@ -13,11 +13,11 @@ from psmpc_cli.logs.verdicts import (
     Arrays,
     Verdict,
     largest_loads,
+    object_when_let_go,
     position_of,
-    returns_of,
+    samples_of_returns,
     summarize_clearance,
     verdicts,
-    when_let_go,
 )
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
@@ -146,14 +146,14 @@ class CaptureSummary:
 
         Args:
             task: The task, with the destination of the object.
-            arrays: Datasets of the log by path.
+            arrays: Datasets of the log by path. Those of grasps are of the last try to take the object.
         """
-        _, pose, v = when_let_go(task, arrays)
+        _, pose, v = object_when_let_go(task, arrays)
         space = space_of_pose(len(pose))
         linear = slice(space.dimension)
         angular = slice(space.dimension, None)
         destination = task.body.destination
-        # how far the object was from its destination when it was let go, or at the end
+        # how far the object was from its destination when it was let go, or at the end if it is held so long
         error = np.full(len(v), np.nan) if destination is None else space.pose_error(pose, destination.pose)
         # when the last gripper closed, and the largest errors and loads of any
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
@@ -294,13 +294,15 @@ class Summary:
         self._read_actuators(arrays, problem)
         self._read_deviations(arrays, problem)
         self._read_estimates(arrays, problem)
-        self.limits = _limits(arrays, problem.stages, problem.model.units)
-        self.distances = _distances(arrays)
+        self.limits = _tightest_limits(arrays, problem.stages, problem.model.units)
+        self.distances = _distances_of_end_effectors(arrays)
         self.capture = CaptureSummary(problem.spec, arrays) if "grasp/pull" in arrays else None
         self.clearance = summarize_clearance(arrays)
 
     def _read_outcome(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
         """Read how the run ended, whether the mission succeeded, and when each stage ended.
+
+        It sets attributes that `Summary` describes.
 
         Args:
             arrays: Datasets of the log by path.
@@ -309,7 +311,7 @@ class Summary:
         """
         spec = problem.spec
         time = arrays["time"]
-        end = float(arrays["final/end_time"])
+        end = float(arrays["final/end_time"])  # NaN of a run that was killed or interrupted
         self.compiled = bool(attributes.get("compiled", False))
         self.ended = bool(np.isfinite(end))
         self.completed = bool(attributes["finished"])
@@ -317,44 +319,53 @@ class Summary:
         self.succeeded = _succeeded(self.completed, self.monitors)
         self.reason = str(attributes["end_reason"]) or "the run was killed, or goes on"
         self.duration = end if self.ended else float(time[-1]) if len(time) else 0.0
+        # times that the paper gives for this controller, to compare with
         published = spec.published.get(str(attributes["controller"]), PublishedRun())
-        self.stages = _stages(arrays, spec.onset.epsilon, published)
-        self.returned_at: tuple[float, ...] = tuple(time[list(returns_of(arrays))].tolist())
+        self.stages = _summarize_stages(arrays, spec.onset.epsilon, published)
+        self.returned_at: tuple[float, ...] = tuple(time[list(samples_of_returns(arrays))].tolist())
 
     def _read_solves(self, arrays: Arrays, problem: Problem) -> None:
         """Read how the solves went: their times, events, local optima, and the priority levels of HTMPC.
 
+        HTMPC solves at each sample for one stage after the other, its levels; a later level has to keep the costs of
+        the earlier ones. The attributes that are set are described in `Summary`.
+
         Args:
             arrays: Datasets of the log by path. `window/basin` is the number of the guess from which the best optimum
-                was found: 0 of the last plan, -1 where no other was tried.
+                was found: 0 of the last plan, -1 where no other was tried. `levels/rise` is by what part of it later
+                levels raised the cost of a stage.
             problem: The problem that the run solved.
         """
         controller = problem.spec.controller
         samples = len(arrays["time"])
         self.sample_time = controller.sample_time
-        self.solves = _solves(arrays, np.ones(samples, bool))
+        self.solves = _summarize_solves(arrays, is_chosen=np.ones(samples, bool))
         has_switch = np.asarray(np.isfinite(arrays["window/instants"]).any(axis=1))
-        self.switching_solves = _solves(arrays, has_switch)
+        self.switching_solves = _summarize_solves(arrays, is_chosen=has_switch)
         self.missed = int(np.sum(arrays["solver/wall_time"] > controller.sample_time))
+        # samples at which a stage entered the window, or was seen but could not be solved for yet
         self.appended = int(arrays["events/appended"].sum())
         self.postponed = int(arrays["events/postponed"].sum())
         self.failed_solves = int(arrays["events/solve_failed"].sum())
         self.unmeasured = int(arrays["events/unmeasured"].sum())
         chosen_guess = arrays["window/basin"]
         self.basins = int(np.sum(chosen_guess > 0)) if np.any(chosen_guess >= 0) else None
-        levels_solved = arrays.get("levels/solved")
+        levels_solved = arrays.get("levels/solved")  # 1 where a level converged, 0 where not, -1 where there was none
         self.unsolved_levels = None if levels_solved is None else int(np.sum(levels_solved == 0))
         level_rise = arrays.get("levels/rise", np.full((samples, 0), np.nan))
         self.level_rise = float(np.nanmax(level_rise, initial=-np.inf)) if np.isfinite(level_rise).any() else np.nan
         keeps_costs = controller.traits.has_levels and controller.htmpc.constraint == "cost"
-        raised = level_rise > controller.htmpc.tolerance + LEVEL_ACCURACY
-        self.raised_levels = int(np.sum(raised)) if keeps_costs else None
+        is_raised = level_rise > controller.htmpc.tolerance + LEVEL_ACCURACY
+        self.raised_levels = int(np.sum(is_raised)) if keeps_costs else None
 
     def _read_efforts(self, arrays: Arrays, attributes: Mapping[str, Any]) -> None:
         """Read what controls and forces the run took, how near forces came to limits, and how controls varied.
 
+        It sets attributes that `Summary` describes.
+
         Args:
-            arrays: Datasets of the log by path.
+            arrays: Datasets of the log by path. `force/utilization` (K, n) is the commanded force over its limit;
+                `force/saturated` (K,) is the fraction of a sample's ticks in which the plant cut a force at its limit.
             attributes: Attributes of the log, which name the joints that slide.
         """
         time = arrays["time"]
@@ -363,36 +374,40 @@ class Summary:
         self.squared_acceleration = float(arrays["effort/squared_acceleration"].sum())
         self.base_force = float(arrays["effort/base_force"].sum())
         self.base_torque = float(arrays["effort/base_torque"].sum())
+        # datasets that a log lacks, of a robot without sliding joints or without limits of forces, count as unknown
         peaks = {name: arrays.get(f"peak/{name}", np.array([np.nan])) for name in (*PEAKS, *SLIDING_PEAKS)}
         self.peaks = {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()}
         utilization = arrays.get("force/utilization", np.full((len(time), len(coordinates)), np.nan))
-        saturated = arrays.get("force/saturated", np.zeros(0))
+        saturated = arrays.get("force/saturated", np.zeros(0))  # empty where forces have no limits
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
-        variations = variation(
-            np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates, sliding_of(attributes)
-        )
-        self.variation_base_position, self.variation_base_angle, self.variation_joints, self.variation_sliding = (
-            variations
-        )
+        variation_of_coordinates = np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0)  # total variation (n,)
+        (
+            self.variation_base_position,
+            self.variation_base_angle,
+            self.variation_joints,
+            self.variation_sliding,
+        ) = variation_by_group(variation_of_coordinates, coordinates, sliding_of(attributes))
 
     def _read_actuators(self, arrays: Arrays, problem: Problem) -> None:
         """Read what thrusters and wheels did, and where nothing acted on the base."""
-        self.wheels = _wheels(arrays, problem, arrays["time"])
-        self.floating = tuple(_floating(arrays, problem))
+        self.wheels = _summarize_wheels(arrays, problem, arrays["time"])
+        self.floating = tuple(_floating_stages(arrays, problem))
         self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
         self.limits_dynamics |= problem.spec.fires(problem.model.spec)
-        self.thrusters = _thrusters(arrays, problem)
+        self.thrusters = _summarize_thrusters(arrays, problem)
 
     def _read_deviations(self, arrays: Arrays, problem: Problem) -> None:
         """Read how far the motion was from plans, limits, end conditions and the balances of physics.
 
         Grippers that close stop against the object at once, which no plan contains. So violations of limits are also
-        read without the samples in which one closes.
+        read without the samples in which one closes. The attributes that are set are described in `Summary`.
 
         Args:
-            arrays: Datasets of the log by path.
+            arrays: Datasets of the log by path. `balance/...` is how far momentum and energy are from what impulse and
+                work make them; `margin/...` the distance to a limit, negative beyond it; `deviation/...` the distance
+                from the plan, and the error of an end condition over its tolerance.
             problem: The problem that the run solved.
         """
         time = arrays["time"]
@@ -413,40 +428,32 @@ class Summary:
         )
         self.off_plan = tuple(deviation for deviation in deviations if deviation is not None)
 
-        outside_closing = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
-        excess = {quantity: -arrays[f"margin/{quantity}"] for quantity in column_names}
-        violations = [
-            _violation(arrays, quantity, excess[quantity], column_names[quantity], units[quantity])
-            for quantity in column_names
-        ]
-        violations_outside = [
-            _violation(
-                arrays,
-                quantity,
-                np.where(outside_closing, excess[quantity], np.nan),
-                column_names[quantity],
-                units[quantity],
-            )
-            for quantity in column_names
-        ]
+        is_elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]  # where no gripper closes (K, 1)
+        violations = list[Largest | None]()
+        violations_elsewhere = list[Largest | None]()
+        for quantity, names in column_names.items():
+            excess = -arrays[f"margin/{quantity}"]
+            excess_elsewhere = np.where(is_elsewhere, excess, np.nan)
+            violations.append(_largest_violation(arrays, quantity, excess, names, units[quantity]))
+            violations_elsewhere.append(_largest_violation(arrays, quantity, excess_elsewhere, names, units[quantity]))
         self.beyond_limits = tuple(
             violation for violation in violations if violation is not None and violation.value > 0
         )
         self.beyond_limits_elsewhere = tuple(
-            violation for violation in violations_outside if violation is not None and violation.value > 0
+            violation for violation in violations_elsewhere if violation is not None and violation.value > 0
         )
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
 
     def _read_estimates(self, arrays: Arrays, problem: Problem) -> None:
-        """Read what was found out of the delay of commands and of the load."""
+        """Read the estimates of the delay of commands and of the mass of the load."""
         spec = problem.spec
-        self.delay = _delay(arrays)
+        self.delay = _last_delay(arrays)
         longest = arrays.get("delay/expected", np.zeros(0)).max(initial=0.0)
         self.delay_is_cut_off = spec.controller.delay == "auto" and bool(longest >= LONGEST_DELAY - STEP)
         looked_for = spec.controller.delay != "auto" or spec.finds_delay(problem.model.spec)
         self.unknown_delay = 0.0 if looked_for else spec.uncertainty.delay
-        self.load = _load(arrays)
+        self.load = _mass_of_load(arrays)
 
     def __repr__(self) -> str:
         outcomes = {True: "succeeded", False: "did not succeed", None: "not judged"}
@@ -454,8 +461,8 @@ class Summary:
         return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
 
 
-def _load(arrays: Arrays) -> tuple[float, float] | None:
-    """Return the mass of the load while it was held last, and its standard deviation [kg]; None if not found out."""
+def _mass_of_load(arrays: Arrays) -> tuple[float, float] | None:
+    """Return the estimated mass of the load when it was held last, and its standard deviation [kg]; None if unknown."""
     if "load/mass" not in arrays:
         return None
     if "payload/held" in arrays:
@@ -469,49 +476,62 @@ def _load(arrays: Arrays) -> tuple[float, float] | None:
     return float(arrays["load/mass"][held[-1]]), float(arrays["load/mass_deviation"][held[-1]])
 
 
-def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
-    """Summarize impulses and propellant of thrusters over a run, and what they could not give; None without any.
+def _summarize_thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
+    """Summarize impulses and propellant of thrusters over a run, and the impulses that they could not give.
 
     Args:
-        arrays: Datasets of the log by path. Impulses that are owed are wanted by the law and not given yet, since
-            pulses last whole ticks; refused ones cannot be given at all.
+        arrays: Datasets of the log by path. Impulses that are owed are wanted by the low-level law and not given yet,
+            since pulses last whole ticks; refused ones cannot be given at all. Thrusters are shut where their plumes
+            would reach something.
         problem: The problem that the run solved.
+
+    Returns:
+        The summary; None where no thrusters fire.
     """
     if "thrusters/impulse" not in arrays:
         return None
-    impulses = arrays["thrusters/impulse"].sum(axis=0)
+    impulses = arrays["thrusters/impulse"].sum(axis=0)  # of each thruster [N s]
     linear = slice(problem.model.dimension)
     angular = slice(problem.model.dimension, None)
-    owed = [np.linalg.norm(arrays["thrusters/owed"][:, part], axis=1) for part in (linear, angular)]
-    refused = [np.linalg.norm(arrays["thrusters/refused"][:, part], axis=1) for part in (linear, angular)]
-    shut = None
+    owed_linear, owed_angular = (
+        np.linalg.norm(arrays["thrusters/owed"][:, part], axis=1) for part in (linear, angular)
+    )
+    refused_linear, refused_angular = (
+        np.linalg.norm(arrays["thrusters/refused"][:, part], axis=1) for part in (linear, angular)
+    )
+    shut_times = None  # [s], by name
     if "thrusters/shut" in arrays:
-        shut_time = problem.spec.controller.sample_time * arrays["thrusters/shut"].sum(axis=0)
-        time_of_thruster = zip(arrays["thruster"].tolist(), shut_time.tolist(), strict=True)
-        shut = {name: seconds for name, seconds in time_of_thruster if seconds}
+        # in the log: the fraction of each sample in which a thruster was shut
+        seconds = problem.spec.controller.sample_time * arrays["thrusters/shut"].sum(axis=0)
+        by_name = dict(zip(arrays["thruster"].tolist(), seconds.tolist(), strict=True))
+        shut_times = {name: time for name, time in by_name.items() if time}
     return ThrusterSummary(
         impulse=float(impulses.sum()),
         firings=int(arrays["thrusters/firings"].sum()),
         propellant=Thrusters.of(problem.model.spec.thrusters).propellant(impulses),
-        owed=(float(owed[0].max(initial=0.0)), float(owed[1].max(initial=0.0))),
-        refused=(float(refused[0].sum()), float(refused[1].sum())),
-        shut=shut,
+        owed=(float(owed_linear.max(initial=0.0)), float(owed_angular.max(initial=0.0))),
+        refused=(float(refused_linear.sum()), float(refused_angular.sum())),
+        shut=shut_times,
     )
 
 
-def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
-    """Yield how momentum and base changed in stages in which nothing pushes the base.
+def _floating_stages(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
+    """Yield how the momentum changed, and how the base moved, in stages in which nothing pushes the base.
 
     There the momentum of robot and wheels should stay, and the base reacts to the arms.
 
     Args:
         arrays: Datasets of the log by path.
         problem: The problem that the run solved.
+
+    Yields:
+        For each such stage: the largest changes of momentum since its first sample, and the displacement of the base
+        from its first sample to its last.
     """
     model = problem.model
     space = model.space
     for stage in problem.stages:
-        samples = np.flatnonzero(arrays["window/first"] == stage.index)
+        samples = np.flatnonzero(arrays["window/first"] == stage.index)  # at which it is the current stage
         is_floating = stage.moved_by.moves and not stage.moved_by.is_pushed
         if not (is_floating and len(samples)):
             continue
@@ -520,12 +540,14 @@ def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
         momentum = model.momentum(Q, v)
         if "wheels/momentum" in arrays:
             wheels = Wheels.of(model.spec)
-            momentum = momentum + wheels.momentum_and_energy(Q, arrays["wheels/momentum"][samples])[:, :-1]
+            momentum_and_energy = wheels.momentum_and_energy(Q, arrays["wheels/momentum"][samples])
+            momentum = momentum + momentum_and_energy[:, :-1]
         is_known = np.isfinite(momentum).all(axis=1)
         if not is_known.any():
             continue
         momentum_change = momentum[is_known] - momentum[is_known][0]
-        base_displacement = space.pose_error(*Q[is_known][[-1, 0]][:, space.base_coordinates])
+        first_base, last_base = Q[is_known][[0, -1]][:, space.base_coordinates]
+        base_displacement = space.pose_error(last_base, first_base)
         linear, angular = np.split(momentum_change, [model.dimension], axis=1)
         distance, angle = (float(np.linalg.norm(part)) for part in np.split(base_displacement, [model.dimension]))
         yield FloatingStage(
@@ -537,7 +559,7 @@ def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
         )
 
 
-def _wheels(arrays: Arrays, problem: Problem, time: np.ndarray) -> WheelSummary | None:
+def _summarize_wheels(arrays: Arrays, problem: Problem, time: np.ndarray) -> WheelSummary | None:
     """Summarize what reaction wheels did; None of a robot without any."""
     if "wheels/momentum" not in arrays:
         return None
@@ -550,7 +572,7 @@ def _wheels(arrays: Arrays, problem: Problem, time: np.ndarray) -> WheelSummary 
     return WheelSummary(stored, torque)
 
 
-def _delay(arrays: Arrays) -> tuple[float, float] | None:
+def _last_delay(arrays: Arrays) -> tuple[float, float] | None:
     """Return the last delay that commands were expected to have, and its standard deviation [s]; None if unknown."""
     expected, deviation = (arrays.get(f"delay/{name}", np.zeros(0)) for name in ("expected", "deviation"))
     if not len(deviation) or not np.isfinite(deviation[-1]):
@@ -566,69 +588,87 @@ def _succeeded(completed: bool, monitors: Sequence[Verdict]) -> bool | None:
     return True if all(verdict.held for verdict in monitors) else None
 
 
-def variation(
+def variation_by_group(
     by_coordinate: np.ndarray, coordinates: tuple[str, ...], sliding: Collection[str] = ()
 ) -> tuple[float, float, float, float]:
-    """Sum the total variation of each coordinate (n,) over base position, base angle, and joints that turn or slide."""
-    of_base = np.array([name.startswith("base.") for name in coordinates], bool)
-    of_position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
-    position = float(by_coordinate[of_position].sum())
-    angle = float(by_coordinate[of_base & ~of_position].sum())
-    slides = np.array([name in sliding for name in coordinates], bool)
-    joints = float(by_coordinate[~of_base & ~slides].sum())
-    return position, angle, joints, float(by_coordinate[slides].sum())
+    """Sum the total variations of the coordinates of each group, since those of different units cannot be added.
+
+    Args:
+        by_coordinate: Total variation of the control of each coordinate (n,).
+        coordinates: Names of the coordinates.
+        sliding: Names of the joint coordinates that are lengths.
+
+    Returns:
+        The sums over the base's position, the base's angle, joints that turn, and joints that slide.
+    """
+    is_of_base = np.array([name.startswith("base.") for name in coordinates], bool)
+    is_position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
+    is_sliding = np.array([name in sliding for name in coordinates], bool)
+    position = float(by_coordinate[is_position].sum())
+    angle = float(by_coordinate[is_of_base & ~is_position].sum())
+    turning_joints = float(by_coordinate[~is_of_base & ~is_sliding].sum())
+    sliding_joints = float(by_coordinate[is_sliding].sum())
+    return position, angle, turning_joints, sliding_joints
 
 
 def early_starts(arrays: Arrays, threshold: float) -> np.ndarray:
-    """Tell which of the S stages act on the control before their switch time, and more than once (S,).
+    """Tell which of the S stages act on the control before their switch time, and at more than one sample.
 
-    A stage acts at a sample if its presence reaches the threshold of actual starts, or if its share in the control is
-    more than `NO_SHARE`. One that acts at a single sample before the switch to it has no early start: nothing comes of
-    it. Where its shares are not known, an early start stands as logged.
+    A stage that waits in the window acts at a sample if its presence (how much it changes the control) reaches the
+    threshold of actual starts, or if its share in the control is more than `NO_SHARE`. One that acts at a single sample
+    before the switch to it has no early start: nothing comes of it. Where its shares are not known, an early start
+    stands as logged.
 
     Args:
         arrays: Datasets of the log by path.
         threshold: Presence from which a stage has started, in the units of `window/presence`.
+
+    Returns:
+        Whether each stage started early (S,).
     """
-    last_return = max(returns_of(arrays), default=0)
-    since_return = (np.arange(len(arrays["time"])) >= last_return)[:, None]
+    last_return = max(samples_of_returns(arrays), default=0)  # to an earlier stage: what was before does not count
+    is_since_return = (np.arange(len(arrays["time"])) >= last_return)[:, None]
     # negated, so that it holds too where the stage before has not ended: its switch time is NaN
-    is_before_switch = ~(arrays["time"][:, None] >= _beginnings(arrays)) & since_return
+    is_before_switch = ~(arrays["time"][:, None] >= _begin_times(arrays)) & is_since_return
     share = np.where(is_before_switch, arrays["window/share"], np.nan)
     presence = np.where(is_before_switch, arrays["window/presence"], np.nan)
     acts = (share > NO_SHARE) | (presence >= threshold)
-    goes_on = np.count_nonzero(acts, axis=0) > 1
-    unknown = np.isnan(share).all(axis=0)
-    return np.asarray(arrays["stages/early"].astype(bool) & (goes_on | unknown))
+    acts_repeatedly = np.count_nonzero(acts, axis=0) > 1
+    is_share_unknown = np.isnan(share).all(axis=0)
+    return np.asarray(arrays["stages/early"].astype(bool) & (acts_repeatedly | is_share_unknown))
 
 
-def _beginnings(arrays: Arrays) -> np.ndarray:
-    """Return when the stages begin, the last time where they come again (S,) [s]."""
-    after_another = np.r_[0.0, arrays["stages/switch_time"][:-1]]
-    begins = after_another.copy()
-    for sample in returns_of(arrays):
+def _begin_times(arrays: Arrays) -> np.ndarray:
+    """Return when the stages begin (S,) [s]; of a stage to which the sequence returned, when it did so last."""
+    end_of_stage_before = np.r_[0.0, arrays["stages/switch_time"][:-1]]
+    begin_times = end_of_stage_before.copy()
+    for sample in samples_of_returns(arrays):
         stage = int(arrays["window/first"][sample])
-        begins[stage:] = after_another[stage:]
-        begins[stage] = arrays["time"][sample]
-    return np.asarray(begins)
+        begin_times[stage:] = end_of_stage_before[stage:]
+        begin_times[stage] = arrays["time"][sample]
+    return np.asarray(begin_times)
 
 
-def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[StageSummary, ...]:
+def _summarize_stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[StageSummary, ...]:
     """Summarize when each stage started and ended, with the published values of the same controller beside them.
 
     Args:
         arrays: Datasets of the log by path.
-        threshold: Presence in the control from which a stage has started.
+        threshold: Presence from which a stage has started; presence is how much it changes the control while it waits.
         published: Published times by name of the stage.
+
+    Returns:
+        A summary of each stage, in their order.
     """
     switch_time = arrays["stages/switch_time"]
     early = early_starts(arrays, threshold)
     acts_only_once = arrays["stages/early"].astype(bool) & ~early
-    switched_to = _beginnings(arrays)
-    # such a stage starts at its switch time after all, see `early_starts`
-    actual_start = np.where(acts_only_once, switched_to, arrays["stages/actual_start"])
-    duration = switch_time - switched_to
-    returned_to = arrays["window/first"][list(returns_of(arrays))]
+    begin_times = _begin_times(arrays)
+    # a stage that acts only once starts when the one before ends after all, see `early_starts`
+    actual_start = np.where(acts_only_once, begin_times, arrays["stages/actual_start"])
+    duration = switch_time - begin_times
+    # stages to which the sequence returned after a try to take the object; a stage from there on is tried once more
+    returned_to = arrays["window/first"][list(samples_of_returns(arrays))]
     return tuple(
         StageSummary(
             name=str(name),
@@ -645,17 +685,20 @@ def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[
     )
 
 
-def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
-    """Summarize wall times and iterations of the solves at some samples; NaN without any.
+def _summarize_solves(arrays: Arrays, is_chosen: np.ndarray) -> SolveSummary:
+    """Summarize wall times and iterations of the solves at some samples.
 
     Args:
         arrays: Datasets of the log by path.
-        chosen: True at the samples that count (K,).
+        is_chosen: Whether each of the K samples counts (K,).
+
+    Returns:
+        Number of solves, quantiles of wall times [s], and the median of iterations; NaN if no sample counts.
     """
-    wall_time = arrays["solver/wall_time"][chosen]
-    iterations = arrays["solver/iterations"][chosen]
+    wall_time = arrays["solver/wall_time"][is_chosen]
+    iterations = arrays["solver/iterations"][is_chosen]
     if not len(wall_time):
-        return SolveSummary(0, np.nan, np.nan, np.nan, np.nan, np.nan)
+        return SolveSummary(count=0, median=np.nan, p95=np.nan, p99=np.nan, largest=np.nan, iterations=np.nan)
     median, p95, p99, largest_time = np.percentile(wall_time, [50, 95, 99, 100])
     return SolveSummary(
         count=len(wall_time),
@@ -667,7 +710,9 @@ def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
     )
 
 
-def _limits(arrays: Arrays, stages: tuple[Stage, ...], units: Sequence[CoordinateUnits]) -> tuple[LimitSummary, ...]:
+def _tightest_limits(
+    arrays: Arrays, stages: tuple[Stage, ...], units: Sequence[CoordinateUnits]
+) -> tuple[LimitSummary, ...]:
     """Find the coordinate that comes nearest to its limit, relative to that limit, of positions and of velocities.
 
     Margins are relative to half the distance of the lower and the upper limit in the stage of the sample, or absolute
@@ -677,23 +722,31 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...], units: Sequence[Coordinat
         arrays: Datasets of the log by path.
         stages: All stages of the task, with their limits.
         units: Units of each coordinate.
+
+    Returns:
+        One summary for positions and one for velocities; none for a quantity that has no limits.
     """
     tightest = []
     for quantity in ("position", "velocity"):
-        margin = arrays[f"margin/{quantity}"]
+        margin = arrays[f"margin/{quantity}"]  # at K samples (K, n), negative beyond a limit
         if not np.isfinite(margin).any():
             continue
-        widths = [
+        width_by_stage = [
             getattr(stage.limits, f"{quantity}_high") - getattr(stage.limits, f"{quantity}_low") for stage in stages
         ]
-        half_span = np.array(widths)[arrays["window/first"]] / 2
-        has_two_limits = np.isfinite(half_span) & (half_span > 0)
-        relative = np.where(np.isfinite(margin), margin / np.where(has_two_limits, half_span, 1.0), np.inf)
-        sample, column = np.unravel_index(np.argmin(relative), relative.shape)
-        coordinate = str(arrays["coordinate"][column])
-        unit = getattr(units[int(column)], quantity)
+        half_width = np.array(width_by_stage)[arrays["window/first"]] / 2  # of the current stage at each sample (K, n)
+        has_two_limits = np.isfinite(half_width) & (half_width > 0)
+        # infinite where a coordinate has no limit, so that it is not the smallest
+        relative = np.where(np.isfinite(margin), margin / np.where(has_two_limits, half_width, 1.0), np.inf)
+        sample, column = (int(index) for index in np.unravel_index(np.argmin(relative), relative.shape))
         tightest.append(
-            LimitSummary(quantity, coordinate, float(margin[sample, column]), unit, float(relative[sample, column]))
+            LimitSummary(
+                kind=quantity,
+                coordinate=str(arrays["coordinate"][column]),
+                margin=float(margin[sample, column]),
+                unit=getattr(units[column], quantity),
+                relative=float(relative[sample, column]),
+            )
         )
     return tuple(tightest)
 
@@ -717,6 +770,12 @@ def _closing_samples(arrays: Arrays) -> tuple[int, ...]:
 def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
     """Compute the error of the final state in the end condition of the last stage, over its tolerance.
 
+    The controller ends the stage by the state that it sees; the true state may miss the condition.
+
+    Args:
+        arrays: Datasets of the log by path.
+        problem: The problem that the run solved.
+
     Returns:
         The error of the state that the controller saw, and of the true one, 1 where the condition is just met; None
         where the log has no true state, or the run has not ended.
@@ -730,21 +789,33 @@ def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
     for suffix in ("", "_true"):
         Q = arrays[f"final/Q{suffix}"]
         v = arrays[f"final/Qdot{suffix}"]
-        placed = in_own_chart(problem.model, problem.stages[-1], Q, v, object_state=object_state)
-        errors.append(problem.costs.end_error(*placed))
+        stage, x = in_own_chart(problem.model, problem.stages[-1], Q, v, object_state=object_state)
+        errors.append(problem.costs.end_error(stage, x))
     error_of_seen, error_of_true = errors
     return error_of_seen, error_of_true
 
 
-def _violation(
-    arrays: Arrays, kind: str, beyond: np.ndarray, names: Sequence[str], units: Sequence[str]
+def _largest_violation(
+    arrays: Arrays, kind: str, excess: np.ndarray, names: Sequence[str], units: Sequence[str]
 ) -> Largest | None:
-    """Find the largest violation of a kind of limit among (T, n), and how much of it the plan has; None without any."""
-    violation = largest(beyond, names, arrays["time"], units=units)
+    """Find where a kind of limit is violated most, and by how much the plan violates it there.
+
+    Args:
+        arrays: Datasets of the log by path.
+        kind: `position` or `velocity`.
+        excess: By how much each coordinate is beyond its limit at K samples (K, n), negative within it; NaN where a
+            sample or a coordinate does not count.
+        names: Names of the columns.
+        units: Units of the columns.
+
+    Returns:
+        The largest excess, which is negative if no limit is violated; None if all are NaN.
+    """
+    violation = largest(excess, names, arrays["time"], units=units)
     if violation is None:
         return None
-    planned = -arrays[f"margin/planned_{kind}"][violation.sample, list(names).index(violation.where)]
-    return replace(violation, planned=max(float(planned), 0.0))
+    planned_excess = -arrays[f"margin/planned_{kind}"][violation.sample, list(names).index(violation.where)]
+    return replace(violation, planned=max(float(planned_excess), 0.0))
 
 
 def _largest_condition(arrays: Arrays, stages: tuple[Stage, ...]) -> Largest | None:
@@ -756,7 +827,7 @@ def _largest_condition(arrays: Arrays, stages: tuple[Stage, ...]) -> Largest | N
     return largest(condition[:, None], ("J_C",), arrays["time"])
 
 
-def _distances(arrays: Arrays) -> tuple[float, ...]:
+def _distances_of_end_effectors(arrays: Arrays) -> tuple[float, ...]:
     """Compute the distance between the first two end-effectors where each stage ends [m], which shows a lost object."""
     names = list(arrays["pose_coordinate"])
     time = np.append(arrays["time"], arrays["final/end_time"])
@@ -777,19 +848,26 @@ def largest(
     sample: int | None = None,
     units: Sequence[str] | None = None,
 ) -> Largest | None:
-    """Find the largest value in a table, with its column, time and sample; None if all are NaN.
+    """Find the largest value in a table, with its column, time and sample, for summaries.
 
     Args:
-        values: The values (T, names).
-        names: What each column is of.
+        values: The values (T, columns); NaN where one is not known.
+        names: What each column is of, such as a coordinate.
         time: Times of the rows (T,) [s].
-        sample: The sample that all rows are of; by default each row is of the sample of its number.
+        sample: The sample that all rows belong to; by default each row is a sample, numbered from 0.
         units: Units of the columns; by default they have none.
+
+    Returns:
+        The value and where it is; None if no value is finite.
     """
     known_values = np.where(np.isnan(values), -np.inf, values)
     if not np.isfinite(known_values).any():
         return None
     row, column = (int(index) for index in np.unravel_index(int(np.argmax(known_values)), known_values.shape))
-    unit = "1" if units is None else units[column]
-    sample_of_value = row if sample is None else sample
-    return Largest(float(known_values[row, column]), str(names[column]), float(time[row]), sample_of_value, unit)
+    return Largest(
+        value=float(known_values[row, column]),
+        where=str(names[column]),
+        time=float(time[row]),
+        sample=row if sample is None else sample,
+        unit="1" if units is None else units[column],
+    )

@@ -102,22 +102,22 @@ def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
 
 
 def summarize_clearance(arrays: Arrays) -> ClearanceSummary | None:
-    """Find which of the parts that keep clear came nearest to each other in a run; None where no distance is known.
+    """Find which of the parts that keep clear came nearest to each other in a run.
 
     Args:
-        arrays: Datasets of the log by path: distances and margins (K, P) [m] of P pairs at K samples, NaN where a pair
-            is not measured.
+        arrays: Datasets of the log by path. Read are distances, and distances less the margin to keep, (K, P) [m], of P
+            pairs of parts at K samples; NaN where a pair is not measured.
 
     Returns:
         The nearest pair, the pair nearest to its margin, and the pairs that touched (distance below 0) with the first
-        time.
+        time; None if no distance is known.
     """
     distances = arrays.get("clearance/distance")
     if distances is None or not np.isfinite(distances).any():
         return None
     margins = arrays["clearance/margin"]
 
-    def at_smallest(values: np.ndarray) -> NearestParts:
+    def parts_with_smallest(values: np.ndarray) -> NearestParts:
         sample, pair = (int(index) for index in np.unravel_index(int(np.nanargmin(values)), values.shape))
         return NearestParts(
             pair=str(arrays["clearance/pair"][pair]),
@@ -127,29 +127,36 @@ def summarize_clearance(arrays: Arrays) -> ClearanceSummary | None:
             sample=sample,
         )
 
-    is_touching = distances < 0
-    samples = np.flatnonzero(is_touching.any(axis=1))
+    is_touching = distances < 0  # False where a distance is NaN
+    touching_samples = np.flatnonzero(is_touching.any(axis=1))
     return ClearanceSummary(
-        nearest=at_smallest(distances),
-        tightest=at_smallest(margins),
+        nearest=parts_with_smallest(distances),
+        tightest=parts_with_smallest(margins),
         touched=tuple(arrays["clearance/pair"][is_touching.any(axis=0)].tolist()),
-        touched_at=float(arrays["time"][samples[0]]) if len(samples) else np.nan,
+        touched_at=float(arrays["time"][touching_samples[0]]) if len(touching_samples) else np.nan,
     )
 
 
 def judge_touch(arrays: Arrays) -> Verdict:
-    """Judge whether parts that keep clear touched, as a verdict on the mission.
-
-    It is not judged (margin NaN) where no distance is known, as in a loop without ticks. Where every pair is excepted
-    nothing can touch, so it holds.
+    """Judge whether parts that keep clear touched, which decides with other verdicts whether a mission succeeded.
 
     Args:
         arrays: Datasets of the log by path.
+
+    Returns:
+        The verdict; its margin is the smallest distance [m]. If no distance is known, as in a loop without ticks, it is
+        not judged (margin NaN). If the task excepts every pair, nothing can touch, so it holds (margin infinite).
     """
     clearance = summarize_clearance(arrays)
     if clearance is None:
-        no_pairs = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
-        return Verdict(NOTHING_TOUCHED, no_pairs, np.inf if no_pairs else np.nan, "m", np.nan)
+        has_no_pairs = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
+        return Verdict(
+            name=NOTHING_TOUCHED,
+            held=has_no_pairs,
+            margin=np.inf if has_no_pairs else np.nan,
+            unit="m",
+            broken_at=np.nan,
+        )
     return Verdict(
         name=NOTHING_TOUCHED,
         held=not clearance.touched,
@@ -160,19 +167,24 @@ def judge_touch(arrays: Arrays) -> Verdict:
     )
 
 
-def returns_of(arrays: Arrays) -> tuple[int, ...]:
-    """Return the samples at which the sequence returned to an earlier stage."""
+def samples_of_returns(arrays: Arrays) -> tuple[int, ...]:
+    """Return the samples at which the sequence returned to an earlier stage, because the object was missed or lost."""
     return tuple(np.flatnonzero(arrays.get("events/returned", np.zeros(0))).tolist())
 
 
 def largest_loads(arrays: Arrays) -> dict[str, float]:
     """Return the largest filtered loads on a grasp in the last try, by `GRASP_LOADS`."""
-    last_try = slice(max(returns_of(arrays), default=0), None)
+    last_try = slice(max(samples_of_returns(arrays), default=0), None)
     return {load: float(np.max(arrays[f"grasp/{load}"][last_try], initial=0.0)) for load in GRASP_LOADS}
 
 
-def when_let_go(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return when the object left the grippers [s], and its pose and velocity then; of one held to the end, its end."""
+def object_when_let_go(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return when the object left the grippers [s], and its pose and velocity then; at the end if it is held so long.
+
+    Args:
+        task: The task, which says whether the object is held to the end.
+        arrays: Datasets of the log by path.
+    """
     left = float(arrays["object/left_at"])
     if np.isfinite(left) or not task.holds_to_the_end:
         return left, arrays["object/left_pose"], arrays["object/left_velocity"]
@@ -194,6 +206,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     """
     grasp = target_object.grasp
     destination = target_object.destination
+    # largest distance, angle and velocities of a gripper from its grasp with which it can close, and those that it had
     envelope = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
     missed_by = arrays["grasp/missed_by"]
     end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
@@ -223,7 +236,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     )
     if destination is None:
         return
-    left_at, pose, v = when_let_go(task, arrays)
+    left_at, pose, v = object_when_let_go(task, arrays)
     space = space_of_pose(len(destination.pose))
     error = space.pose_error(pose, destination.pose)
     error_over_tolerance = np.abs(error) / destination.tolerance
@@ -267,8 +280,8 @@ def _why_not_taken(arrays: Arrays, end: float) -> str:
     return f"the run ended at {end:.1f} s, before {', '.join(grippers[~tried])} had to close"
 
 
-def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
-    """Compute the signal that a monitor watches, at each of K samples (K,): distance [m], speed [m/s] or clearance [m].
+def monitored_signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
+    """Compute the signal that a monitor watches, at each of K samples: distance [m], speed [m/s] or clearance [m].
 
     Distance is that between two frames, or of one from the base. Speed is that of a frame's position, by differences
     between samples, the largest of the named frames. Clearance is the smallest distance of the pairs at the ticks until
@@ -277,6 +290,9 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
     Args:
         monitor: What is monitored, of which frames or parts.
         arrays: Datasets of the log by path.
+
+    Returns:
+        The signal (K,).
     """
     if monitor.quantity == "clearance":
         return _smallest_distances(monitor, arrays)
@@ -286,8 +302,9 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
     if monitor.quantity == "distance":
         origin = positions[1] if len(positions) > 1 else position_of(poses, names, "base")
         return np.asarray(np.linalg.norm(positions[0] - origin, axis=1))
-    if len(arrays["time"]) < 2:
+    if len(arrays["time"]) < 2:  # too few for a difference
         return np.zeros(len(arrays["time"]))
+    # displacements by sample, and below the time by sample: their quotient is the speed
     displacements = [np.linalg.norm(np.gradient(position, axis=0), axis=1) for position in positions]
     return np.asarray(np.max(displacements, axis=0) / np.gradient(arrays["time"]))
 
@@ -310,19 +327,26 @@ def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
     Returns:
         The verdict; it does not hold (with a margin of NaN) where the stage was never reached.
     """
-    is_watched = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
-    values = signal(monitor, arrays)
+    watched_stage = list(arrays["stages/name"]).index(monitor.during)
+    is_watched = arrays["window/first"] == watched_stage  # at each sample: whether that stage is the current one
+    values = monitored_signal(monitor, arrays)
     if monitor.quantity == "clearance":
         is_watched &= ~np.isnan(values)  # parts that may touch are not measured
     if not is_watched.any():
-        return Verdict(monitor.name, False, np.nan, monitor.unit, np.nan)
+        return Verdict(name=monitor.name, held=False, margin=np.nan, unit=monitor.unit, broken_at=np.nan)
     values = values[is_watched]
     time = arrays["time"][is_watched]
-    margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
-    smallest_margins = np.min(margins, axis=0, initial=np.inf)
-    broken_samples = np.flatnonzero(~(smallest_margins >= 0))  # a signal that is not a number holds no bound
-    broken_at = float(time[broken_samples[0]]) if len(broken_samples) else np.nan
-    return Verdict(monitor.name, not len(broken_samples), float(smallest_margins.min()), monitor.unit, broken_at)
+    margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, start=float(values[0]))]
+    smallest_margins = np.min(margins, axis=0, initial=np.inf)  # of the bounds, at each sample
+    is_broken = ~(smallest_margins >= 0)  # negated, so that a signal that is not a number breaks its bounds
+    broken_samples = np.flatnonzero(is_broken)
+    return Verdict(
+        name=monitor.name,
+        held=not len(broken_samples),
+        margin=float(smallest_margins.min()),
+        unit=monitor.unit,
+        broken_at=float(time[broken_samples[0]]) if len(broken_samples) else np.nan,
+    )
 
 
 def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]]:
@@ -339,6 +363,6 @@ def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]
 
 
 def position_of(xi: np.ndarray, names: list[str], frame: str) -> np.ndarray:
-    """Return the positions (K, dimension) of a frame from poses (K, m)."""
+    """Return the positions (K, dimension) [m] of a frame from poses xi (K, m), whose m columns have these names."""
     axes = [f"{frame}.{axis}" for axis in "xyz"]
     return xi[:, [names.index(name) for name in axes if name in names]]

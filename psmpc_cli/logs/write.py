@@ -73,11 +73,11 @@ class LogWriter:
     def __init__(self, path: Path | None, header: Header, force: bool = False) -> None:
         """Begin a log in memory and write its file, which holds what is known before the first sample.
 
-        The log is kept in memory, and the file is written from it as a whole now and then, so that a killed run leaves
-        a file that can be read.
+        The log is an HDF5 file in memory. Twice a second, as samples come, the file on disk is replaced by the whole of
+        it: if it were written in place, a run that is killed would leave a damaged file.
 
         Args:
-            path: The file; None for a log in memory alone.
+            path: The file on disk; None for a log in memory alone.
             header: What is known of the run beforehand: attributes, values, and which features it has.
             force: Overwrite an earlier log.
 
@@ -88,16 +88,18 @@ class LogWriter:
         self.absolute_path = path if path is None else path.absolute()  # the working folder may change
         # datasets that this run has: some are `only` in logs of spatial robots, or of robots with wheels, ...
         columns_of_log = [column for column in layout(SPATIAL in header.has) if column.only in header.has]
+        # driver core: in memory; the name, which has to be unique, is that of no file
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
+        # until `finish`: whether the last stage was completed, why the run ended, whether it could not go on
         unfinished = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **unfinished, **header.attributes}
         self._datasets = create_log(self._file, columns_of_log, attributes, header.values)
-        # those with a value of each sample; the others are written once
+        # a column with a `value`, which reads it from a sample, grows with every sample; others are written once
         self._growing_columns = [column for column in columns_of_log if column.value is not None]
         self._waiting_rows: list[Sample | Row] = []
         self._rows_in_log = 0
         self._has_unwritten_changes = False
-        self._next_write = 0.0  # time of the clock [s]: the first row is written at once
+        self._next_write = 0.0  # time of the clock [s] before which no row is written: the first one is at once
         if path is not None:
             write_new(path, image_of(self._file), force)
 
@@ -110,7 +112,7 @@ class LogWriter:
     @property
     def file(self) -> h5py.File:
         """The log in memory, with every row so far."""
-        self._move_rows()
+        self._add_waiting_rows()
         return self._file
 
     def write(self, row: Sample | Row) -> None:
@@ -138,6 +140,12 @@ class LogWriter:
     def finish(self, finished: bool, reason: str, values: Mapping[str, ArrayLike], stuck: bool = False) -> None:
         """Write how the run ended, and what is known then of datasets that do not grow.
 
+        Args:
+            finished: Whether the last stage met its end condition.
+            reason: Why the run ended, in words.
+            values: Datasets that do not grow, by path.
+            stuck: Whether the run could not go on.
+
         Raises:
             RunError: As for `write`.
         """
@@ -160,12 +168,12 @@ class LogWriter:
     def _write_file(self) -> None:
         """Replace the file by the whole log so far, in one step: a kill at any moment leaves a file that opens.
 
-        Rows that wait are first moved to the log in memory, where a log without a path stays.
+        Samples that wait are first added to the log in memory, where a log without a path stays.
 
         Raises:
             RunError: The file cannot be written.
         """
-        self._move_rows()
+        self._add_waiting_rows()
         began_at = monotonic()
         if self.absolute_path is not None:
             try:
@@ -180,8 +188,8 @@ class LogWriter:
         # the slower the write, the later the next one: writing takes at most LARGEST_SHARE of a run's time
         self._next_write = ended_at + max(BETWEEN_WRITES, (ended_at - began_at) / LARGEST_SHARE)
 
-    def _move_rows(self) -> None:
-        """Move the rows of samples that wait to the datasets of the log in memory, many at once because that is faster.
+    def _add_waiting_rows(self) -> None:
+        """Add the samples that wait to the datasets of the log in memory, many at once because that is faster.
 
         `_rows_in_log` is counted up last, so that after an interruption the same rows are written again to the same
         place.
@@ -190,24 +198,25 @@ class LogWriter:
         for column in self._growing_columns if rows else ():
             values = [np.asarray(row[column.path]) for row in rows]
             if column.ragged:
-                self._extend_ragged(column, values)
+                self._add_ragged_rows(column, values)
                 continue
-            # a sample has one row, or one for each of its ticks
+            # a sample has one row in a dataset along time, and a row for each of its ticks in one along ticks
             new_values = np.array(values) if column.dims[0] == "time" else np.concatenate(values)
-            _extend(self._datasets[column.path], self._rows_in_log * (len(new_values) // len(rows)), new_values)
+            rows_per_sample = len(new_values) // len(rows)
+            _write_rows(self._datasets[column.path], self._rows_in_log * rows_per_sample, new_values)
         self._rows_in_log += len(rows)
         self._waiting_rows = []
 
-    def _extend_ragged(self, column: Column, values: list[np.ndarray]) -> None:
+    def _add_ragged_rows(self, column: Column, values: list[np.ndarray]) -> None:
         """Add rows of different lengths: padded with NaN to the longest one, with their lengths beside them."""
-        lengths = [len(each) for each in values]
-        block = np.full((len(values), max(lengths)), np.nan)
-        for padded, each in zip(block, values, strict=True):
-            padded[: len(each)] = each
+        lengths = [len(row) for row in values]
+        padded_rows = np.full((len(values), max(lengths)), np.nan)
+        for padded_row, row in zip(padded_rows, values, strict=True):
+            padded_row[: len(row)] = row
         dataset = self._datasets[column.path]
-        _extend(dataset, self._rows_in_log, block)
-        _extend(self._datasets[f"{column.path}_length"], self._rows_in_log, np.array(lengths))
-        _extend(self._datasets[column.dims[1]], 0, np.arange(dataset.shape[1]))
+        _write_rows(dataset, self._rows_in_log, padded_rows)
+        _write_rows(self._datasets[f"{column.path}_length"], self._rows_in_log, np.array(lengths))
+        _write_rows(self._datasets[column.dims[1]], 0, np.arange(dataset.shape[1]))  # scale: the index along a row
 
 
 def rows_of(samples: Sequence[Sample | Row], columns: Sequence[Column]) -> list[Row]:
@@ -217,7 +226,7 @@ def rows_of(samples: Sequence[Sample | Row], columns: Sequence[Column]) -> list[
     return [{path: read(each) for path, read in readers} if isinstance(each, Sample) else each for each in samples]
 
 
-def _extend(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:
+def _write_rows(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:
     """Write rows of a dataset from row `first` to its end; rows longer than those before widen the dataset."""
     dataset.resize((first + len(rows), *map(max, dataset.shape[1:], rows.shape[1:])))
     dataset[(slice(first, None), *map(slice, rows.shape[1:]))] = rows.astype(dataset.dtype)
@@ -240,22 +249,25 @@ def create_log(
         The datasets by path.
     """
     group.attrs.update(attributes)
-    in_closeness = ("window/presence", "stages/epsilon") if attributes.get("onset") == "closeness" else ()
+    # with `onset: closeness` the presence of stages is a number without a unit, otherwise a norm of controls
+    without_unit = ("window/presence", "stages/epsilon") if attributes.get("onset") == "closeness" else ()
     datasets = dict[str, h5py.Dataset]()
-    coordinate_names = dict[str, list[str]]()
+    coordinate_names = dict[str, list[str]]()  # by path of the scale that has them
     sliding = sliding_of(attributes)
-    for part in sorted((part for column in columns for part in column.parts), key=lambda part: not part.is_scale):
-        lengths = [len(datasets[scale]) for scale in part.dims if scale != part.path]
-        dataset = _create(group, part, lengths, values.get(part.path))
+    # a column with rows of different lengths has three parts: the rows, their lengths, and the index along a row
+    parts = (part for column in columns for part in column.parts)
+    for part in sorted(parts, key=lambda part: not part.is_scale):
+        scale_lengths = [len(datasets[scale]) for scale in part.dims if scale != part.path]
+        dataset = _create_dataset(group, part, scale_lengths, values.get(part.path))
         datasets[part.path] = dataset
-        units = "1" if part.path in in_closeness else part.units
+        units = "1" if part.path in without_unit else part.units
         dataset.attrs.update({"units": units, "long_name": part.long_name})
         if not part.is_scale and part.dims[-1:] and part.dims[-1] in OF_COORDINATES:
             coordinate = part.dims[-1]
             if coordinate not in coordinate_names:
                 coordinate_names[coordinate] = datasets[coordinate].asstr()[:].tolist()
-            if units_of_each := units_of_columns(part, coordinate_names[coordinate], sliding):
-                dataset.attrs[COLUMN_UNITS] = units_of_each
+            if column_units := units_of_columns(part, coordinate_names[coordinate], sliding):
+                dataset.attrs[COLUMN_UNITS] = column_units
         if part.is_scale:
             dataset.make_scale(part.path.rpartition("/")[2])
             continue
@@ -264,25 +276,30 @@ def create_log(
     return datasets
 
 
-def _create(
+def _create_dataset(
     group: h5py.Group, column: Column, scale_lengths: list[int], known_values: ArrayLike | None
 ) -> h5py.Dataset:
     """Create a dataset of a log, stored so that damage is found: all numbers have checksums.
 
-    One that grows sample by sample is stored in chunks. One of fixed size stands with the metadata.
+    A dataset that grows sample by sample is stored in chunks, each with a checksum. One of fixed size is stored within
+    the metadata of the file, which have checksums as well.
 
     Args:
         group: The group of the log.
-        column: The dataset.
-        scale_lengths: Lengths of the scales of its dimensions, but for itself.
+        column: What the schema says of the dataset: path, type, dimensions, and how its rows are read from samples.
+        scale_lengths: Lengths of its dimensions, but for the one along which it is itself the scale.
         known_values: Its values; None if they are not known yet.
+
+    Returns:
+        The dataset; without rows, or with `column.unknown`, where no values are known.
     """
     is_text = column.dtype == "text"
     dtype = h5py.string_dtype() if is_text else np.dtype(column.dtype)
     data = None if known_values is None else np.asarray(known_values, object if is_text else dtype)
-    if column.value is None:
+    grows = column.value is not None  # which reads its rows from a sample
+    if not grows:
         compact_layout = h5p.create(h5p.DATASET_CREATE)
-        compact_layout.set_layout(h5d.COMPACT)  # within the metadata, which have checksums
+        compact_layout.set_layout(h5d.COMPACT)  # within the metadata
         shape = scale_lengths if data is None else data.shape
         unknown = None if is_text else column.unknown
         return group.create_dataset(column.path, shape, dtype, data, fillvalue=unknown, dcpl=compact_layout)
@@ -292,10 +309,10 @@ def _create(
         shape = [0, 0]
         growth_options["fillvalue"] = np.nan
     else:
-        scale_lengths = scale_lengths[0 if column.is_scale else 1 :]
-        chunks = (ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK, *scale_lengths)
-        chunks = chunks if all(scale_lengths) else True  # HDF5 allows no chunks of size 0
-        shape = [0, *scale_lengths]
-        growth_options = {"maxshape": (None, *scale_lengths)}
+        row_shape = scale_lengths[0 if column.is_scale else 1 :]  # the first dimension is the one that grows
+        chunks = (ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK, *row_shape)
+        chunks = chunks if all(row_shape) else True  # HDF5 allows no chunks of size 0: it chooses
+        shape = [0, *row_shape]
+        growth_options = {"maxshape": (None, *row_shape)}
     shape = shape if data is None else data.shape
     return group.create_dataset(column.path, shape, dtype, data, chunks=chunks, fletcher32=True, **growth_options)

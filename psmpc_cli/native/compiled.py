@@ -4,7 +4,7 @@ from weakref import WeakKeyDictionary
 
 import casadi as ca
 
-from psmpc_cli.native.library import Library, paths_of
+from psmpc_cli.native.library import Library, find_or_compile
 
 FLAGS = ("-O1", "-ffp-contract=off")
 """Straight code gains little from more; without contraction the results equal those of the interpreter to the bit."""
@@ -18,8 +18,8 @@ def source_of(function: ca.Function) -> str:
 
 
 def compiled(function: ca.Function) -> ca.Function:
-    """Return the function as compiled C, with the same inputs and outputs; itself where that is not possible."""
-    (path,) = paths_of([library_of(function)])
+    """Return a function as compiled C, with the same inputs and outputs; itself if it cannot be compiled."""
+    (path,) = find_or_compile([library_of(function)])
     return function if path is None else ca.external(function.name(), str(path))
 
 
@@ -27,7 +27,10 @@ _LIBRARIES: WeakKeyDictionary[ca.Function, Library] = WeakKeyDictionary()
 
 
 def library_of(function: ca.Function) -> Library:
-    """Return the library of a function; its source is written once, and here, because CasADi is not thread-safe."""
+    """Return the library that a function is compiled into; its source is written once.
+
+    It is written in the calling thread and not in those that compile, because CasADi is not thread-safe.
+    """
     if function not in _LIBRARIES:
         _LIBRARIES[function] = Library(source_of(function), function.name(), FLAGS, (function.name(),))
     return _LIBRARIES[function]

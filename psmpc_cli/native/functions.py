@@ -58,8 +58,12 @@ def tape_library() -> Library:
 
 
 @cache
-def _load(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
-    """Load the functions that carry a tape out and that arrange it."""
+def _load_program(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
+    """Load the program of tape.c, and return its two functions: that which carries a tape out, that which arranges it.
+
+    Raises:
+        RuntimeError: The structure `TapeProgram` is another one in C than in Python.
+    """
     loaded = ctypes.CDLL(path)
     require_layout(loaded, TapeProgram, LAYOUT)
     run = loaded.psmpc_tape_run
@@ -72,10 +76,16 @@ def _load(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
 
 
 def tape_of(function: ca.Function) -> "Tape | None":
-    """Return a function as a tape, which one compiled program evaluates at many points at once.
+    """Return a function as a tape: a list of instructions that a compiled C program carries out at many points at once.
 
-    None where CasADi has to evaluate the function itself: it is not of SX or not dense, it has an operation that the
-    program does not know, or the program is not compiled. That is compiled with all else that a run needs, not here.
+    The program is the same for all tapes. A run compiles it with all else that it needs; here it is only looked up.
+
+    Args:
+        function: The function.
+
+    Returns:
+        The tape. None where CasADi has to evaluate the function itself: it is not of SX, has sparse arguments or
+        results, or an operation that the program does not know, or the program is not compiled.
     """
     is_dense = function.nnz_in() + function.nnz_out() == function.numel_in() + function.numel_out()
     if not function.is_a("SXFunction") or not is_dense:
@@ -87,7 +97,8 @@ def tape_of(function: ca.Function) -> "Tape | None":
     if path is None:
         return None
     count = function.n_instructions()
-    operations = np.fromiter(map(function.instruction_id, range(count)), np.int32, count)  # CasADi's numbers of them
+    # CasADi's number of the operation of each instruction
+    operations = np.fromiter(map(function.instruction_id, range(count)), np.int32, count)
     if not KNOWN_OPERATIONS.issuperset(np.unique(operations).tolist()):
         return None
     return Tape(function, operations, str(path))
@@ -105,24 +116,26 @@ class Tape:
     """
 
     def __init__(self, function: ca.Function, operations: np.ndarray, path: str) -> None:
-        """Make a list of instructions of a CasADi function that compiled C code evaluates at a batch of points.
+        """Make the list of instructions of a CasADi function that compiled C code evaluates at a batch of points.
 
-        The code works on memory divided into slots, each with one value for every point of a block. Its structure
-        `TapeProgram` has addresses alone, so the arrays behind them are kept as attributes.
+        The code evaluates a block of `BLOCK` points together. Its memory is divided into slots, each with one value for
+        every point of a block. Its structure `TapeProgram` has addresses alone, so the arrays at these addresses are
+        kept as attributes.
 
         Args:
             function: The function, of SX, with dense arguments and results.
             operations: CasADi's numbers of the operations of its instructions, (count,).
             path: The shared library with the C code.
         """
-        self._run, arrange = _load(path)
+        self._run, arrange = _load_program(path)
         # How many numbers each argument and each result has at one point.
         self._argument_sizes = np.array([function.numel_in(i) for i in range(function.n_in())], dtype=np.int64)
         self._result_sizes = np.array([function.numel_out(i) for i in range(function.n_out())], dtype=np.int64)
-        instructions, constants = self._instructions(function, operations)
+        instructions, constants = self._translated_instructions(function, operations)
         slot_count = self._arrange(arrange, instructions, len(constants), function)
-        # Slots of the arguments come first, then those of constants, which never change, then those of results.
+        # Slots of the arguments come first, then those of constants, which are written here once, then all others.
         entry_count = int(self._argument_sizes.sum())
+        # Room for some more numbers, of which so many are left out that the slots begin at a multiple of ALIGNMENT.
         memory = np.zeros(slot_count * BLOCK + ALIGNMENT // DOUBLE_SIZE)
         self._slots = memory[-memory.ctypes.data % ALIGNMENT // DOUBLE_SIZE :]
         self._slots[entry_count * BLOCK : (entry_count + len(constants)) * BLOCK] = np.repeat(constants, BLOCK)
@@ -142,34 +155,40 @@ class Tape:
             slots=self._slots.ctypes.data,
         )
         self._address = ctypes.addressof(self._program)
-        self._capacity = 0
+        self._capacity = 0  # rows for which there is room
         self._reserve(1)
 
     def _arrange(
         self, arrange: Callable[..., int], instructions: np.ndarray, constant_count: int, function: ca.Function
     ) -> int:
-        """Order the instructions for fast evaluation and say where each of their values is kept.
+        """Order the instructions for fast evaluation and choose where each of their values is kept.
 
-        Instructions of the same operation are brought one after the other where they can be (a run), so that looking at
-        an operation is paid once. Each value gets a slot of the memory, which is used again after its last reader.
+        Instructions of the same operation are brought one after the other where they can be (a run), so that the
+        program looks up the operation once for all of them. Each value gets a slot of the memory, which is used again
+        after the last instruction that reads the value. Sets `_runs`, `_operands` and `_result_slots`.
 
         Args:
-            arrange: The function of tape.c that does it; returns 0, or -1 where it has no memory.
-            instructions: As `_instructions` returns them, (count, 4).
+            arrange: The function of tape.c that does it; it returns 0, or -1 where it has no memory.
+            instructions: The instructions as `_translated_instructions` returns them, (count, 4).
             constant_count: How many constants they have.
-            function: The function that they are of.
+            function: The function that they belong to.
 
         Returns:
             The number of slots.
+
+        Raises:
+            MemoryError: There is no memory for it.
         """
         count = len(instructions)
         runs = np.zeros((count, 2), np.int32)  # operation, how many instructions
         operands = np.zeros((count, 3), np.int32)  # slots of result, left and right operand
         self._result_slots = np.zeros(int(self._result_sizes.sum()), np.int32)
+        # arrays of one number each, into which the C function writes
         run_count = np.zeros(1, np.int64)
         slot_count = np.zeros(1, np.int64)
         filled_slots = int(self._argument_sizes.sum()) + constant_count
-        counts = (count, filled_slots, function.sz_w(), len(self._result_slots))
+        register_count = function.sz_w()  # CasADi's work vector
+        counts = (count, filled_slots, register_count, len(self._result_slots))
         outputs = (runs, operands, self._result_slots, run_count, slot_count)
         status = arrange(instructions.ctypes.data, *counts, *(output.ctypes.data for output in outputs))
         if status != 0:
@@ -179,19 +198,21 @@ class Tape:
         return int(slot_count[0])
 
     @staticmethod
-    def _instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
+    def _translated_instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
         """Translate the instructions of a CasADi function into those that tape.c evaluates.
 
-        Each is a row: operation, register of the result, registers of both operands; of an operation with one operand
-        that stands twice. CasADi numbers entries of arguments and results within each of them. Here the entries of all
-        arguments are numbered through, then come the constants; and the entries of all results are numbered through.
+        Each is a row: operation, register of the result, registers of both operands. Where an operation has only one
+        operand, its register stands twice. Instructions that read a constant or an argument have its number instead of
+        the registers of operands; instructions that write a result have its number instead of a register. CasADi
+        numbers the entries of each argument and each result from 0. Here entries of all arguments are numbered through,
+        constants follow them, and entries of all results are numbered through.
 
         Args:
             function: The function, of SX.
             operations: CasADi's numbers of the operations of its instructions, (count,).
 
         Returns:
-            The instructions (count, 4), and the constants in their order, each once.
+            The instructions (count, 4), and the constants in the order of their numbers, each once.
         """
         count = len(operations)
         # The first entry of each argument and result among the entries of all; the constants follow the arguments.
@@ -206,7 +227,7 @@ class Tape:
             (results[0], operands[0], operands[-1]) if results and operands else (0, 0, 0)
             for results, operands in zip(written, read, strict=True)
         ]
-        # Constants, inputs and outputs have numbers of their own kinds where others have registers.
+        # Constants, inputs and outputs have other numbers where other instructions have registers.
         index_of_constant = dict[float, int]()
         for k in np.flatnonzero(operations == OPERATIONS["OP_CONST"]).tolist():
             index = index_of_constant.setdefault(function.instruction_constant(k), len(index_of_constant))
@@ -220,11 +241,11 @@ class Tape:
         return instructions, list(index_of_constant)
 
     def __call__(self, arguments: Sequence[ArrayLike], rows: int) -> list[np.ndarray]:
-        """Evaluate the function and return its results, (rows, size) each.
+        """Evaluate the function at some points and return its results, arrays (rows, size) with a point in each row.
 
         Args:
-            arguments: (rows, size) each, or what broadcasts to it.
-            rows: The number of rows.
+            arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every point.
+            rows: The number of points.
         """
         if rows > self._capacity:
             self._reserve(rows)
@@ -267,8 +288,8 @@ class ArrayFunction:
         """Evaluate the function and return its results, an array of `rows` rows each.
 
         Args:
-            arguments: Arrays of the transposed shapes, or what broadcasts to them.
-            rows: The number of rows given and returned. Default all.
+            arguments: Arrays of the transposed shapes, or what broadcasts to them: a column of CasADi's is a row here.
+            rows: How many rows of the arguments are given and of the results returned. Default all.
         """
         for values, argument in zip(self._inputs, arguments, strict=True):
             values[:rows] = argument
@@ -287,10 +308,11 @@ class BatchFunction:
     def __init__(self, function: ca.Function, native: bool = False) -> None:
         self.function = function
         self.native = native
-        self._mapped: dict[int, ArrayFunction] = {}  # by number of points, and by capacity
+        # maps by their capacity, and again by each number of points that has been asked for
+        self._mapped: dict[int, ArrayFunction] = {}
 
     def prepare(self) -> None:
-        """Make what is evaluated, so that the first call takes no longer than others."""
+        """Make the tape now, so that the first call takes no longer than others."""
         _ = self._tape
 
     @cached_property
@@ -300,10 +322,10 @@ class BatchFunction:
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
         """Evaluate the function at a batch of points and return its results, (rows, size) each.
 
-        Where the function has a tape, its list of instructions, compiled code carries that out for all points. Else
-        CasADi's map of the function evaluates them. A map has a fixed number of points, so it is made for a few more
-        than are wanted, and kept: batches of similar size share one, and what it computes of the other points is not
-        read.
+        Where the function has a tape (a list of its instructions), a compiled program carries that out for all points.
+        Otherwise CasADi's map of the function evaluates them. A map has a fixed number of points. So it is made for a
+        few more points than are wanted, and kept: batches of similar size share one, and its results at the points
+        beyond theirs are not read.
 
         Args:
             arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every point.
@@ -311,10 +333,10 @@ class BatchFunction:
         """
         if self._tape is not None:
             return self._tape(arguments, rows)
-        if rows not in self._mapped:  # by number of points, and by the capacity of the map that serves it
-            # rows rounded up to its four leading bits: few capacities, and none more than an eighth too large
+        if rows not in self._mapped:
+            # The rows rounded up to a number of four leading bits: few capacities, none more than an eighth too large.
             step = 1 << max(rows.bit_length() - 4, 0)
-            capacity = -(-rows // step) * step
+            capacity = -(-rows // step) * step  # rounded up to a multiple of the step
             if capacity not in self._mapped:
                 mapped = self.function.map(capacity) if capacity > 1 else self.function
                 self._mapped[capacity] = ArrayFunction(mapped)

@@ -71,21 +71,21 @@ class Library:
     symbols: tuple[str, ...] = ()
 
     def find(self) -> Path | None:
-        """Return its file in the cache; None if it is not there. One that is damaged is removed.
+        """Return the library's file in the cache; None if it is not there. A damaged file is removed.
 
         Raises:
             CompilationError: There is no compiler.
         """
         directory = cache_directory()
-        for entry in _entries(directory, directory.stat().st_mtime_ns).get(self._stem, ()):
-            if _is_sound(entry) and _has(entry, self.symbols):
+        for entry in _files_by_stem(directory, directory.stat().st_mtime_ns).get(self._stem, ()):
+            if _is_sound(entry) and _has_symbols(entry, self.symbols):
                 _mark_used(entry)
                 return entry
             entry.unlink(missing_ok=True)
         return None
 
     def compile(self) -> Path:
-        """Compile it into the cache, and return its file; where another process compiles it, wait for that.
+        """Compile the library into the cache and return its file. If another process compiles it, wait for that.
 
         Raises:
             CompilationError: There is no compiler, or it failed.
@@ -94,15 +94,15 @@ class Library:
         directory = cache_directory()
         with _locked(directory / f"{MAKING}{self._stem}"):
             entry = self.find() or _compile(compiler, self.source, directory, self._stem, self.flags)
-        if not _has(entry, self.symbols):
+        if not _has_symbols(entry, self.symbols):
             wanted = ", ".join(self.symbols) or "its functions"
             raise CompilationError(f"{_name_of(compiler)} made no library with {wanted}")
         return entry
 
     @property
     def _stem(self) -> str:
-        """Its name, with the digest of what it depends on."""
-        macros = _macros(find_compiler(), self.flags)
+        """Name of the file without the digest of its content: the library's name, and a digest of all it depends on."""
+        macros = _predefined_macros(find_compiler(), self.flags)
         return f"{self.name}-{_digest(chr(0).join((self.source, ' '.join(self.flags), macros)).encode())}"
 
 
@@ -111,9 +111,9 @@ def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Se
 
     The name of the file in the cache has two digests. One is of all that the machine code depends on: source, flags,
     compiler version and machine (with `-march=native` among the flags, also the instruction set). The other is of the
-    file itself and is checked before it is loaded: loading a library that was cut off ends the process. The library has
-    been loaded once, so `ctypes.CDLL` or `casadi.external` can load it. The first compilation of a program, and the
-    reason of a failure, are logged as information.
+    file itself. It is checked before the file is loaded, since loading a library that was cut off ends the process.
+    This function has loaded the library once, so `ctypes.CDLL` or `casadi.external` can load it. The first compilation
+    of a program is logged as information, and so is the reason of a failure, once.
 
     Args:
         source: C, with no includes but the system's.
@@ -124,40 +124,55 @@ def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Se
     Returns:
         Path of the library; None where there is no compiler or it failed.
     """
-    return paths_of([Library(source, name, tuple(flags), tuple(symbols))])[0]
+    return find_or_compile([Library(source, name, tuple(flags), tuple(symbols))])[0]
 
 
-def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
+def find_or_compile(libraries: Sequence[Library]) -> list[Path | None]:
     """Find libraries in the cache, compile the others several at once, and return their files.
 
-    A file is None where there is no compiler or it failed. How many are compiled is logged as progress, the first
-    reason of a failure as information.
+    How many are compiled is reported as progress; why one cannot be compiled is logged as information.
+
+    Returns:
+        The file of each library in the order given; None where there is no compiler or it failed, and the caller goes
+        on without compiled code.
     """
     files: dict[Library, Path | None] = {}
     try:
-        files = {each: each.find() for each in libraries}
-        if missing := [each for each, path in files.items() if path is None]:
+        files = {library: library.find() for library in libraries}
+        if missing := [library for library, path in files.items() if path is None]:
             files |= _compile_missing(missing)
     except (CompilationError, OSError) as error:
-        _report(f"{error}; continuing without compiled code")
-    return [files.get(each) for each in libraries]
+        _log_once(f"{error}; continuing without compiled code")
+    return [files.get(library) for library in libraries]
 
 
 @lru_cache(maxsize=1)
-def _entries(directory: Path, changed: int) -> dict[str, list[Path]]:
-    """Return the libraries in a cache, changed last at a time [ns], by their names without their own digests."""
+def _files_by_stem(directory: Path, changed: int) -> dict[str, list[Path]]:
+    """Return the files of libraries in a cache, by their names without the digest of the content.
+
+    Args:
+        directory: The cache.
+        changed: When it was changed last [ns]; as an argument, so that the list is read anew after a change.
+    """
     entries: dict[str, list[Path]] = {}
     for name in os.listdir(directory):
         stem, dash, _ = name.rpartition("-")
-        if dash and name.endswith(SUFFIX):
+        if dash and name.endswith(SUFFIX):  # names are stem-digest.so
             entries.setdefault(stem, []).append(directory / name)
     return entries
 
 
 def _compile_missing(libraries: Sequence[Library]) -> dict[Library, Path | None]:
-    """Compile libraries in several threads at once; return their files, None for those that failed.
+    """Compile libraries that the cache does not have, in several threads at once, and report progress meanwhile.
 
-    The calling thread waits meanwhile, looks every half second whether compilations have ended, and reports progress.
+    Each thread waits for a process of the compiler. The calling thread looks every half second which have ended, and
+    reports progress even where none has.
+
+    Returns:
+        The file of each library; None where the compilation failed, which is logged.
+
+    Raises:
+        CompilationError: There is no compiler.
     """
     directory = cache_directory()
     _remove_unused(directory)
@@ -173,24 +188,27 @@ def _compile_missing(libraries: Sequence[Library]) -> dict[Library, Path | None]
                 try:
                     paths[library_of_job[job]] = job.result()
                 except (CompilationError, OSError) as error:
-                    _report(f"{error}; continuing without compiled code")
+                    _log_once(f"{error}; continuing without compiled code")
                 work.advance()
             work.wait()
     return paths
 
 
 def compile_all(libraries: Iterable[Library]) -> bool:
-    """Compile libraries, several at once; return whether there were any and all could be compiled."""
-    paths = paths_of([*libraries])
+    """Compile the libraries that the cache does not have; return whether there are any, and all have a file."""
+    paths = find_or_compile([*libraries])
     return bool(paths) and None not in paths
 
 
 def cache_directory() -> Path:
     """Return the directory in which compiled libraries are kept from run to run.
 
-    It is PSMPC_CACHE, else `psmpc` below XDG_CACHE_HOME or ~/.cache. What is in it is executed, so it must be writable
-    for this user and for nobody else. Where it cannot be made, or others may write to it, the libraries are kept for
-    this run alone, in a temporary directory that is deleted at exit.
+    It is that of the environment variable PSMPC_CACHE, else `psmpc` in XDG_CACHE_HOME, else `psmpc` in ~/.cache. It is
+    made if it does not exist. What is in it is executed, so it must be writable for this user and for nobody else.
+
+    Returns:
+        The directory. Where it cannot be made or written to, or others may write to it, a temporary directory that is
+        deleted at exit.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     base = os.environ.get("XDG_CACHE_HOME", "")
@@ -205,7 +223,9 @@ def cache_directory() -> Path:
     except (OSError, RuntimeError):  # it cannot be made, or the user has no home
         return _temporary_directory()
     if not is_private:
-        _report(f"{directory} belongs to or may be written by somebody else: compiled code is kept for this run alone")
+        _log_once(
+            f"{directory} belongs to or may be written by somebody else: compiled code is kept for this run alone"
+        )
         return _temporary_directory()
     return directory if os.access(directory, os.W_OK | os.X_OK) else _temporary_directory()
 
@@ -213,11 +233,11 @@ def cache_directory() -> Path:
 def find_compiler() -> tuple[str, ...]:
     """Return the command of the C compiler, word by word.
 
-    That is the environment variable CC, else the first of cc, gcc, clang on PATH, else that of the Python package
-    `ziglang`, which `pip install 'psmpc[compiler]'` brings.
+    It is the environment variable CC if that is set; else the first of cc, gcc and clang on PATH; else the compiler in
+    the Python package `ziglang`, which `pip install 'psmpc[compiler]'` brings.
 
     Raises:
-        CompilationError: There is none.
+        CompilationError: There is no compiler, or CC names none.
     """
     chosen = os.environ.get("CC", "").strip()
     try:
@@ -237,14 +257,15 @@ def find_compiler() -> tuple[str, ...]:
 def describe_compiler() -> str:
     """Return name and version of the compiler in one line; empty where there is none."""
     try:
-        return _version(find_compiler())
+        return _version_of(find_compiler())
     except CompilationError:
         return ""
 
 
 @cache
-def _version(compiler: tuple[str, ...]) -> str:
-    return printable(_run([*compiler, "--version"], None).partition("\n")[0].strip())
+def _version_of(compiler: tuple[str, ...]) -> str:
+    """Return the first line of what a compiler says of its version."""
+    return printable(_run_compiler([*compiler, "--version"], None).partition("\n")[0].strip())
 
 
 def describe_processor() -> str:
@@ -257,13 +278,14 @@ def describe_processor() -> str:
 
 
 def _name_of(compiler: Sequence[str]) -> str:
+    """Return what messages call a compiler."""
     return "zig cc" if "ziglang" in compiler else Path(compiler[0]).name
 
 
 @cache
-def _macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
+def _predefined_macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
     """Return the predefined macros of a compiler; they give its version, the system, machine and instruction set."""
-    return _run([*compiler, *flags, "-dM", "-E", "-x", "c", os.devnull], None)
+    return _run_compiler([*compiler, *flags, "-dM", "-E", "-x", "c", os.devnull], None)
 
 
 def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str, flags: Sequence[str]) -> Path:
@@ -279,13 +301,18 @@ def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str,
         directory: The cache.
         name: What the name of the file begins with.
         flags: Further arguments of the compiler.
+
+    Raises:
+        CompilationError: The compiler failed, or could not be run.
     """
     with tempfile.TemporaryDirectory(prefix=MAKING, dir=directory) as folder:
         # Compilers write the names of files into the library: with constant names equal sources give equal bytes.
         source_file = Path(folder) / "source.c"
         library_file = Path(folder) / f"made{SUFFIX}"
         source_file.write_text(source, encoding="utf-8")
-        _run([*compiler, *flags, "-fPIC", "-shared", source_file.name, "-o", library_file.name, "-lm"], Path(folder))
+        _run_compiler(
+            [*compiler, *flags, "-fPIC", "-shared", source_file.name, "-o", library_file.name, "-lm"], Path(folder)
+        )
         library_file.chmod(0o700)
         with library_file.open("rb+") as file:
             digest = _digest(file.read())
@@ -295,7 +322,11 @@ def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str,
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Be the only one, of all processes and threads, that has locked a path; the lock ends with its process."""
+    """Hold a lock that only one thread of all processes can have; a killed process gives it up.
+
+    Args:
+        path: Lock file, which is made and removed.
+    """
     with path.open("wb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         try:
@@ -305,23 +336,27 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _digest(content: bytes) -> str:
+    """Return the first 24 hexadecimal digits of a SHA-256 digest."""
     return hashlib.sha256(content).hexdigest()[:24]
 
 
 def _is_private(path: Path) -> bool:
-    """Tell whether a file or directory, no link, belongs to the user and nobody else may write to it."""
-    if not hasattr(os, "getuid"):
+    """Tell whether a file or directory belongs to the user and nobody else may write to it; not so a symbolic link."""
+    if not hasattr(os, "getuid"):  # a system without users
         return True
-    status = path.lstat()
+    status = path.lstat()  # of a link itself, which everybody may write to
     return status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 _SOUND: dict[Path, tuple[int, int, int]] = {}
-"""Inode, size and time of change of files that were found to be as they were stored."""
+"""Inode, size and time of change of the files whose content was found to have the digest in their name."""
 
 
 def _is_sound(entry: Path) -> bool:
-    """Tell whether a library is the file that was stored; it is read once in a process while it does not change."""
+    """Tell whether a library in the cache is the file that was stored there: private, and of the digest in its name.
+
+    The content is read once in a process, and again only where the file has changed.
+    """
     with suppress(OSError):
         if entry.is_file() and not entry.is_symlink() and _is_private(entry):
             status = entry.stat()
@@ -334,8 +369,8 @@ def _is_sound(entry: Path) -> bool:
     return False
 
 
-def _has(entry: Path, symbols: Sequence[str]) -> bool:
-    """Tell whether a library can be loaded and has some functions."""
+def _has_symbols(entry: Path, symbols: Sequence[str]) -> bool:
+    """Load a library, and tell whether that works and it has some functions."""
     try:
         loaded = ctypes.CDLL(str(entry))
     except OSError:
@@ -363,8 +398,12 @@ def _remove_unused(directory: Path) -> None:
                 entry.unlink()
 
 
-def _run(command: Sequence[str], folder: Path | None) -> str:
-    """Run a compiler and return its standard output."""
+def _run_compiler(command: Sequence[str], folder: Path | None) -> str:
+    """Run a compiler in a folder, by default the current one, and return its standard output.
+
+    Raises:
+        CompilationError: It cannot be run, or fails; the message has the first line of its output with an error.
+    """
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace", check=False)
     except OSError as error:
@@ -377,11 +416,13 @@ def _run(command: Sequence[str], folder: Path | None) -> str:
 
 @cache
 def _temporary_directory() -> Path:
+    """Return a directory that is deleted at exit, the same at each call."""
     path = Path(tempfile.mkdtemp(prefix="psmpc-"))
     atexit.register(shutil.rmtree, path, ignore_errors=True)
     return path
 
 
 @cache
-def _report(message: str) -> None:
+def _log_once(message: str) -> None:
+    """Log a message as information, the first time that it occurs in a process."""
     logger.info(message)

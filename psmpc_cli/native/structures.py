@@ -6,7 +6,7 @@ import ctypes
 def layout_source(structure: type[ctypes.Structure], symbol: str) -> str:
     """Return C that defines an array with the layout of a structure: its size, then the offset of each member [bytes].
 
-    It stands behind the definition of the C structure, which has the name of the class and members of the same names.
+    It has to follow the definition of the C structure, which has the name of the class and members of the same names.
 
     Args:
         structure: The declaration in Python.
@@ -31,9 +31,10 @@ def require_layout(library: ctypes.CDLL, structure: type[ctypes.Structure], symb
         symbol: Name of that array.
 
     Raises:
-        RuntimeError: A member stands elsewhere, or the sizes differ.
+        RuntimeError: A member has another offset in C than in Python, or the sizes differ.
     """
     members = [member[0] for member in structure._fields_]
+    # the array in the library's memory, read as a ctypes array
     size, *offsets = (ctypes.c_int64 * (len(members) + 1)).in_dll(library, symbol)
     name = structure.__name__
     for member, offset in zip(members, offsets, strict=True):

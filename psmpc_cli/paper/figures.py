@@ -15,7 +15,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.registry import save_figure
 from psmpc_cli.figures.timeline import draw_stages, label_row, place_bars, timeline
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.logs.verdicts import judge_monitor, monitor_bounds, signal
+from psmpc_cli.logs.verdicts import judge_monitor, monitor_bounds, monitored_signal
 from psmpc_cli.paper.ablations import Ablation
 
 Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
@@ -108,7 +108,7 @@ def plot_monitors(run: Run) -> Figure:
         verdict = judge_monitor(monitor, run.arrays)
         axes: Axes = grid[row, 0]
         time = run.time
-        values = signal(monitor, run.arrays)
+        values = monitored_signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
         during = run["window/first"] == run.stage_names.index(monitor.during)
         # bounds may be relative to the value at the beginning of the stage

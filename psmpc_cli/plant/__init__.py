@@ -55,10 +55,14 @@ def build_plant(
         firing: Thrusters that give the force on the base; None where the plant applies the law's force itself. With
             thrusters there are force limits.
         drive: Drive of the reaction wheels; None of a robot without any.
-        is_held: Whether a mount holds the base, which moves otherwise, at some ticks.
+        is_held: Whether a mount holds the base, which moves otherwise, in some stages of the task.
+
+    Returns:
+        The plant. Where a mount holds the base at times, it consists of two: one of the robot with a moving base, and
+        one with a fixed base.
 
     Raises:
-        InputError: A package that the plant needs is not installed.
+        InputError: A package that the plant needs is not installed, or does not work.
     """
     tick, substeps = ticks_of(spec)
     setup = PlantSetup(model, tick, substeps, native, friction, capture, force_limits, firing, drive)

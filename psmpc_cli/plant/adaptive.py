@@ -58,24 +58,25 @@ class AdaptiveDynamics:
     def integrate(
         self, acting: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray, stored: np.ndarray | None = None
     ) -> Flow:
-        """Integrate the full dynamics over pieces of constant input, to a tolerance far below the accuracy of plans.
+        """Integrate the full dynamics over pieces of constant input, to check the plants and plans by another method.
 
         Args:
-            acting: `law`: accelerations that the low-level law follows at every instant; `ticks`: accelerations that it
-                turns into a force where each piece begins, as a plant does; `force`: generalized forces.
+            acting: What the inputs are. `law`: accelerations that the low-level law follows at every instant; `ticks`:
+                accelerations that it turns into a force where each piece begins, as a plant does; `force`: generalized
+                forces.
             state: State [Q; v] at the first of the times (nq + n,).
-            times: Ends of the K pieces (K + 1,) [s].
+            times: When the K pieces begin, and when the last one ends (K + 1,) [s].
             inputs: Accelerations [m/s^2, rad/s^2] or generalized forces [N, N m] of the pieces (K, n). Under `law` a
                 spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
-            stored: What wheels store at the ends of the pieces, along the base's axes (K + 1, n_stored) [N m s]; by
-                default nothing. The force on the base is that with the motors of the wheels.
+            stored: What wheels store at these times, along the base's axes (K + 1, n_stored) [N m s]; by default
+                nothing. The force on the base then includes that of the motors of the wheels.
 
         Returns:
-            Times and states, `INSIDE` of them a piece.
+            Times and states: the first, then `INSIDE` for each piece, equally spaced, the last of them at its end.
         """
         if stored is None:
             stored = np.zeros((len(times), self.n_stored))
-        states = [state[:, None]]
+        states = [state[:, None]]  # columns, as the integrator returns them
         integrator = self._integrators[acting == "law"]
         for piece_input, dt, before, after in zip(inputs, np.diff(times), stored[:-1], stored[1:], strict=True):
             state = states[-1][:, -1]
@@ -90,15 +91,15 @@ class AdaptiveDynamics:
 
 
 def stored_that_acts(model: RobotModel) -> int:
-    """Return the number of components of what wheels store: 3 in space; in the plane it has no effect, 0."""
+    """Return the number of components of what wheels store: 3 in space; 0 in the plane, where it has no effect."""
     return n_stored(model.spec) if model.dimension > 2 else 0
 
 
 def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
     """Build the integrator of the full dynamics over one piece of constant input, with an adaptive step.
 
-    Time is scaled to 1, so that one integrator serves pieces of any length: the length is the last parameter. Outputs
-    are at `INSIDE` equidistant times.
+    Time runs from 0 to 1, so that one integrator serves pieces of any length: the length, which is the last parameter,
+    multiplies the rates. Outputs are at `INSIDE` equidistant times.
 
     Args:
         model: The robot.
@@ -106,7 +107,8 @@ def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
             whose anchor follows the input; otherwise it is a generalized force, held over the piece.
 
     Returns:
-        x0 [Q; v] (nq + n,), p [stored at both ends; input; anchor; length] -> states at the output times.
+        CasADi integrator with the initial state x0 = [Q; v] (nq + n,) and the parameters p = [what wheels store at the
+        beginning; at the end; input; anchor; length]. Its result xf has a state in each column (nq + n, INSIDE).
     """
     n = model.n
     nq = model.nq
@@ -125,7 +127,7 @@ def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
     Q = state[:nq]
     v = state[nq:]
     vdot = model.space.acceleration_at(Q, v, u, anchor) if under_law else u
-    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else u
+    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else u  # otherwise the input is the force
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     ode = length * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, inertial_parameters))
     options: dict[str, Any] = {

@@ -65,8 +65,8 @@ class Ticks:
         F: Generalized force applied over each tick, within the limits of the plant (M, n) [N, N m]; on the base that
             of thrusters and of the motors of wheels.
         impulse_and_work: Integral of the external wrench over the sample, linear [N s] and angular about the inertial
-            origin [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
-            NaN where it is not known.
+            origin [N m s]; last, the work of all forces, those between grippers and object included: the integral of
+            F' v [J]. (4,) or (7,); NaN where it is not known.
         target_object: What an object with a mass did; None without one.
         commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m];
             None of a plant without limits, where it is F.
@@ -119,7 +119,7 @@ class JointFriction:
 
     @classmethod
     def none(cls, n: int) -> "JointFriction":
-        """Return that of n coordinates without friction."""
+        """Return the friction of n coordinates that have none."""
         return cls(np.zeros(n), np.zeros(n), 1.0)
 
     def net_force(self, F: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -151,44 +151,55 @@ class ForceLimits:
         return np.concatenate([self.low, self.high])
 
     def limited(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return what of a generalized force F (n,) is within the limits where the robot is at Q (nq,)."""
-        if self._keep(space, F):
+        """Return a generalized force F (n,) cut at the limits, where the robot is at Q (nq,) [N, N m]."""
+        if self._is_surely_within(space, F):
             return F
         # a dozen numbers at every tick: as such they take half the time of arrays
-        return np.array(limited_force(space, Q.tolist(), F.tolist(), self.low.tolist(), self.high.tolist(), between))
+        return np.array(limited_force(space, Q.tolist(), F.tolist(), self.low.tolist(), self.high.tolist(), clipped))
 
-    def _keep(self, space: ConfigurationSpace, F: np.ndarray) -> bool:
-        """Tell whether a force is within the limits however the base is turned: most are, and that is soon found."""
+    def _is_surely_within(self, space: ConfigurationSpace, F: np.ndarray) -> bool:
+        """Tell whether a force F (n,) is within the limits however the base is turned.
+
+        Most forces are, and this test is much faster than `limited_force`.
+        """
+        # the force on the base is a vector: its norm bounds its components along whatever axes the base has
         on_base = F[: space.dimension]
-        least = self._least[: space.dimension].min()
+        least = self._nearer_limit[: space.dimension].min()
         others = slice(space.dimension, None)
-        return bool(least >= 0 and on_base @ on_base <= least**2 and (np.abs(F[others]) <= self._least[others]).all())
+        return bool(
+            least >= 0 and on_base @ on_base <= least**2 and (np.abs(F[others]) <= self._nearer_limit[others]).all()
+        )
 
     @cached_property
-    def _least(self) -> np.ndarray:
-        """The nearer of both limits of each coordinate, (n,)."""
+    def _nearer_limit(self) -> np.ndarray:
+        """The distance from 0 to the nearer limit of each coordinate, (n,)."""
         return np.asarray(np.minimum(-self.low, self.high))
 
-    def on_base(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return what is within the limits of the wrench on the base of generalized forces F (K, n), along its axes.
+    def limited_base_wrench(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Cut the wrench on the base at its limits: what thrusters are to give of the forces of the low-level law.
 
         Args:
             space: Coordinates of the robot.
-            Q: Where it is (K, nq).
-            F: The forces [N, N m].
+            Q: Positions of the robot (K, nq).
+            F: Generalized forces (K, n) [N, N m], on the base along inertial axes.
 
         Returns:
-            (K, 3) or (K, 6) [N, N m].
+            The limited wrenches on the base, along its own axes (K, 3) or (K, 6) [N, N m].
         """
         base = space.base
         in_base_axes = np.column_stack(space.along_base_axes(Q.T, F.T)[base])
         return np.asarray(np.clip(in_base_axes, self.low[base], self.high[base]))
 
-    def holding_base(self, wrenches: np.ndarray) -> np.ndarray:
-        """Return the vectors (K, 2n) of these limits with which the base has exactly given wrenches along its axes.
+    def vectors_fixing_base_wrench(self, wrenches: np.ndarray) -> np.ndarray:
+        """Return vectors of limits that leave the base exactly a given wrench, by a lower limit equal to the upper one.
+
+        So the force of the law on the base is replaced by what thrusters give.
 
         Args:
-            wrenches: The wrenches (K, 3) or (K, 6) [N, N m].
+            wrenches: Wrenches on the base, along its own axes (K, 3) or (K, 6) [N, N m].
+
+        Returns:
+            One vector as in `ForceLimits.vector` for each wrench (K, 2n); the joints keep their limits.
         """
         count, d = wrenches.shape
         low = np.tile(self.low, (count, 1))
@@ -198,39 +209,50 @@ class ForceLimits:
         return np.hstack([low, high])
 
     def utilization(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return generalized forces F (..., n) over the limits that they are against where the robot is at Q (..., nq).
+        """Return how large generalized forces are in parts of their limits: 1 is at the limit.
 
-        NaN of a coordinate without a limit; infinite where a force is in a direction in which none is possible.
+        Args:
+            space: Coordinates of the robot.
+            Q: Positions of the robot (..., nq).
+            F: Generalized forces (..., n) [N, N m], on the base along inertial axes.
+
+        Returns:
+            |F| over the limit on its side of 0 (..., n), the base's along its own axes. NaN of a coordinate without a
+            limit; infinite where a force is in a direction in which none is possible.
         """
         F_in_base_axes = np.stack(space.along_base_axes(np.moveaxis(Q, -1, 0), np.moveaxis(F, -1, 0)), axis=-1)
-        against = np.abs(np.where(F_in_base_axes < 0, self.low, self.high))
+        limit_on_its_side = np.abs(np.where(F_in_base_axes < 0, self.low, self.high))
         with np.errstate(divide="ignore"):
-            over = np.divide(
-                np.abs(F_in_base_axes), against, out=np.zeros(F_in_base_axes.shape), where=F_in_base_axes != 0
+            ratio = np.divide(
+                np.abs(F_in_base_axes),
+                limit_on_its_side,
+                out=np.zeros(F_in_base_axes.shape),
+                where=F_in_base_axes != 0,  # no force at a limit of 0 is no use of it, rather than 0 / 0
             )
-        return np.where(np.isfinite(self.low) | np.isfinite(self.high), over, np.nan)
+        return np.where(np.isfinite(self.low) | np.isfinite(self.high), ratio, np.nan)
 
 
-def between(value: float, low: float, high: float) -> float:
-    """Return a number, or the limit that it is beyond."""
+def clipped(value: float, low: float, high: float) -> float:
+    """Return a value, or the limit that it is beyond."""
     return min(max(value, low), high)
 
 
 def limited_force(
     space: ConfigurationSpace, Q: Any, F: Any, low: Any, high: Any, clip: Callable[[Any, Any, Any], Any]
 ) -> list[Any]:
-    """Cut the components of a generalized force F (n,) at limits, those on the base along the base's own axes.
+    """Cut the components of a generalized force at limits, as the actuators of a plant do.
 
-    The excess is subtracted, rather than the rest rotated back and forth: so a force within the limits stays equal to
-    the last bit.
+    Thrusters are fixed to the base, so the force on the base is cut along the base's own axes. There the excess is
+    subtracted from the given force, rather than the cut force turned back: so a force within the limits stays equal to
+    the last bit. Plants call this with numbers, and their compiled functions with CasADi expressions.
 
     Args:
         space: Coordinates of the robot.
-        Q: Position of the robot (nq,); numbers or CasADi expressions, as the others.
-        F: The force [N, N m], on the base along inertial axes.
-        low: Lower limits (n,), on the base along its own axes.
-        high: Upper limits (n,).
-        clip: Returns a component between its two limits.
+        Q: Position of the robot (nq,).
+        F: The force (n,) [N, N m], on the base along inertial axes.
+        low: Lower limits (n,) [N, N m], on the base along its own axes.
+        high: Upper limits (n,) [N, N m].
+        clip: The function (value, low, high) that returns the value, or the limit that it is beyond.
 
     Returns:
         The n components of the limited force, on the base along inertial axes.
@@ -238,6 +260,7 @@ def limited_force(
     in_base_axes = space.along_base_axes(Q, F)
     within = [clip(in_base_axes[i], low[i], high[i]) for i in range(space.n)]
     excess_in_base_axes = [wanted - kept for wanted, kept in zip(in_base_axes, within, strict=True)]
+    # only the force on the base depends on the axes: its moment is about the base's own axes in F, too
     excess_in_inertial_axes = space.along_inertial_axes(Q, excess_in_base_axes)[: space.dimension]
     return [*(F[i] - excess for i, excess in enumerate(excess_in_inertial_axes)), *within[space.dimension :]]
 
@@ -249,8 +272,8 @@ class Disturbance:
     Attributes:
         robot: True inertial parameters, with what is in the grippers.
         law: Inertial parameters that the low-level law (7) uses.
-        noise: Of the state that the law reads at each tick: a step of Q, then what is added to v (M, 2n) [m, rad, m/s,
-            rad/s].
+        noise: Errors of the state that the law reads at each tick (M, 2n): a displacement of Q, then what is added to v
+            [m, rad, m/s, rad/s].
         external_force: External generalized force over each tick (M, n) [N, N m].
     """
 
@@ -260,12 +283,12 @@ class Disturbance:
     external_force: np.ndarray
 
     def part(self, ticks: slice) -> "Disturbance":
-        """Return that over some ticks of the sample."""
+        """Return the disturbance over some ticks of the sample."""
         return replace(self, noise=self.noise[ticks], external_force=self.external_force[ticks])
 
     @classmethod
     def none(cls, robot: InertialParameters, ticks: int, n: int) -> "Disturbance":
-        """Return that of a known robot with n velocities which nothing disturbs."""
+        """Return the disturbance of a robot with n velocities that is exactly known and that nothing disturbs."""
         return cls(robot, robot, np.zeros((ticks, 2 * n)), np.zeros((ticks, n)))
 
     @cached_property
@@ -287,7 +310,7 @@ class Setpoints:
             the robot's description.
         shut: Which thrusters must not fire (M, T); None: all may.
         held: Whether a mount holds a base that moves otherwise (M,); None: at no tick.
-        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; empty:
+        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law assumes them; empty:
             those of the object as described.
     """
 
@@ -310,7 +333,7 @@ class Setpoints:
         return np.zeros(len(self.u), bool) if self.held is None else self.held
 
     def part(self, ticks: slice) -> "Setpoints":
-        """Return those of some ticks of the sample."""
+        """Return the setpoints of some ticks of the sample."""
         by_tick = {
             name: values[ticks]
             for name in ("u", "closed", "twist_rates", "driven", "shut", "held")
@@ -318,12 +341,12 @@ class Setpoints:
         }
         return replace(self, **by_tick)
 
-    def at(self, tick: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return what the law follows at a tick: u (n,), and the rates in task space (k,) if they count instead."""
+    def law_setpoint(self, tick: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return what the law follows at a tick: u (n,), and the rates in task space (k,); None if it follows u."""
         return self.u[tick], None if self.twist_rates is None else self.twist_rates[tick]
 
-    def mean(self, ticks: slice) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the mean over ticks of what the law follows, as `at` does."""
+    def mean_law_setpoint(self, ticks: slice) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the mean over ticks of what the law follows, as `law_setpoint` does."""
         rates = None if self.twist_rates is None else self.twist_rates[ticks].mean(axis=0)
         return self.u[ticks].mean(axis=0), rates
 
@@ -338,7 +361,7 @@ class Plant(Protocol):
 
         Args:
             start: When the sample begins [s].
-            state: State [Q; v] then (nq + n,).
+            state: State [Q; v] when it begins (nq + n,).
             setpoints: What is commanded at its ticks. Grippers are those of plants with an object.
             disturbance: What the controller does not know; None: nothing. Only plants built with friction have it.
         """
@@ -347,14 +370,14 @@ class Plant(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _TickLaw:
-    """The low-level law in one tick: what it reads of the robot, and what it counts with.
+    """The low-level law in one tick: what it reads of the robot, and what it assumes of it.
 
     Attributes:
         law: The law.
         Q, v: Measured position (nq,) and velocity (n,).
-        grasps: Of an object that all hands hold; None while they do not.
-        parameters: Inertial parameters for the robot's.
-        driven: On which coordinates of the base something acts.
+        grasps: Parameters of the grasps of an object that all hands hold; None while they do not.
+        parameters: Inertial parameters that the law takes for the robot's.
+        driven: 1 for each coordinate of the base on which something acts, else 0 (n_twist,).
         drive: The wheels; None without any.
     """
 
@@ -367,7 +390,7 @@ class _TickLaw:
     drive: WheelDrive | None
 
     @property
-    def counts_with_load(self) -> bool:
+    def accounts_for_load(self) -> bool:
         """Whether the hands hold a load that the law knows of."""
         return self.law.knows_load and self.grasps is not None
 
@@ -384,9 +407,14 @@ class _TickLaw:
         )
 
     def force(self, u: np.ndarray, twist_rates: np.ndarray | None) -> np.ndarray:
-        """Return the force (n,) that follows a setpoint, with the balance of what unloads wheels in this tick."""
+        """Return the force (n,) that follows a setpoint, with what balances motors that unload wheels in this tick.
+
+        Args:
+            u: Setpoint (n,).
+            twist_rates: Setpoint of the law in task space (k,), or None.
+        """
         F = self.law.force(self.Q, self.v, u, twist_rates, self.grasps, self.parameters, self.driven)
-        return F if self.drive is None else self.drive.commanded(F, self.driven)
+        return F if self.drive is None else self.drive.with_unloading(F, self.driven)
 
 
 class TickedPlant(ABC):
@@ -415,9 +443,18 @@ class TickedPlant(ABC):
     ) -> Ticks:
         """Advance over a sample, tick by tick: the low-level law sets a force, which is limited and held over the tick.
 
-        In the order of a tick: grippers close or open, the law reads the (noisy) state, thrusters and limits make of
-        its force what acts, wheels take their part of the moment on the base, and the physics advances. See
-        `Plant.advance`.
+        A tick is one period of the low-level loop, such as a millisecond. In it, in this order: grippers close or open,
+        the law reads the (noisy) state, thrusters and limits turn its force into the one that acts, wheels take their
+        part of the moment on the base, and the physics advances.
+
+        Args:
+            start: When the sample begins [s].
+            state: State [Q; v] when it begins (nq + n,).
+            setpoints: What law and actuators are commanded to do, a row for each of the M ticks.
+            disturbance: What the controller does not know; None: nothing.
+
+        Returns:
+            What happened at each tick.
         """
         M, n = setpoints.u.shape
         nq = self.model.nq
@@ -432,16 +469,17 @@ class TickedPlant(ABC):
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         external_force = np.empty((M, n))
-        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
+        impulse_and_work = np.zeros(self.model.space.n_twist + 1)  # of the external wrench; of all forces
         for k in range(M):
             grasps = self.begin_tick(float(time[k]), states[k], bool(grippers_close[k]))
             tick_law = self._tick_law(law, k, states[k], grasps, setpoints, disturbance)
-            commanded[k] = tick_law.force(*setpoints.at(k))
-            commanded[k], limits = self._fire(k, states[k], commanded[k], tick_law, setpoints)
+            commanded[k] = tick_law.force(*setpoints.law_setpoint(k))
+            commanded[k], limits = self._apply_thrusters(k, states[k], commanded[k], tick_law, setpoints)
             F[k] = commanded[k] if limits is None else limits.limited(self.model.space, states[k, :nq], commanded[k])
             if drive is not None:
                 F[k] = drive.begin_tick(F[k], tick_law.driven)
-            external_force[k] = F[k] if drive is None else drive.of_thrusters(F[k])
+            # motors of wheels act between parts of the robot: they are in F, but not external
+            external_force[k] = F[k] if drive is None else drive.without_motors(F[k])
             external_force[k] += disturbance.external_force[k]
             states[k + 1], of_this_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
             impulse_and_work += of_this_tick
@@ -467,21 +505,21 @@ class TickedPlant(ABC):
         setpoints: Setpoints,
         disturbance: Disturbance,
     ) -> _TickLaw:
-        """Prepare the low-level law for one tick: the noisy state that it reads, and what it counts with.
+        """Prepare the low-level law for one tick: the noisy state that it reads, and what it assumes of the robot.
 
         Args:
-            law: The law, with the load that the sample's setpoints name.
+            law: The law, with the load (the held object's mass and moments) that the sample's setpoints name.
             tick: Number of the tick in its sample.
             state: True state [Q; v] where the tick begins (nq + n,).
             grasps: Parameters of the grasps of an object that all hands hold; None while they do not.
-            setpoints: Those of the sample.
-            disturbance: What the law does not know of the robot.
+            setpoints: Those of the sample; here they say which coordinates of the base are driven at each tick.
+            disturbance: Noise of the state, and the inertial parameters that the law takes for the robot's.
         """
         n = self.model.n
         Q = state[: self.model.nq]
         v = state[self.model.nq :]
         if disturbance.is_noisy:
-            # noise is a step along the coordinates, which for an attitude is a rotation
+            # noise is a displacement, which for an attitude is a rotation and cannot be added
             Q = np.array(self.model.space.integrate(Q, disturbance.noise[tick, :n]))
             v = v + disturbance.noise[tick, n:]
         return _TickLaw(
@@ -494,24 +532,24 @@ class TickedPlant(ABC):
             drive=self.drive,
         )
 
-    def _fire(
+    def _apply_thrusters(
         self, tick: int, state: np.ndarray, commanded: np.ndarray, law: _TickLaw, setpoints: Setpoints
     ) -> tuple[np.ndarray, ForceLimits | None]:
         """Replace the force that the law commands on the base by what its thrusters give in a tick.
 
         Thrusters fire pulses, so the base gets another force than the law wants. Joints then have to follow their
-        setpoints under the real one. Without thrusters the command stays as it is.
+        setpoints under the real one. Without thrusters the command stays as it is, and so do the limits.
 
         Args:
             tick: Number of the tick in its sample.
             state: State [Q; v] where it begins (nq + n,).
-            commanded: Force that the law commands (n,).
+            commanded: Generalized force that the law commands (n,) [N, N m].
             law: The law in this tick.
             setpoints: Those of the sample.
 
         Returns:
-            The force that is then commanded (n,), and limits that hold the force on the base to exactly that of the
-            thrusters.
+            The force that is now commanded (n,) [N, N m], and the limits at which it is to be cut: where thrusters
+            push, they fix the force on the base to what the thrusters give. None without limits.
         """
         firing = self.firing
         limits = self.force_limits
@@ -519,28 +557,38 @@ class TickedPlant(ABC):
             return commanded, limits
         Q = state[None, : self.model.nq]
         space = self.model.space
-        firing.count_with_load(law.counts_with_load)
-        span = firing.span(setpoints.driven, tick, len(setpoints.u))
-        if span.begins:  # a period of pulses: they are to give the mean of what the law wants over it
-            mean_wanted = law.force(*setpoints.mean(span.ticks))
-            firing.begin(limits.on_base(space, Q, mean_wanted[None])[0])
-        wanted_on_base = limits.on_base(space, Q, commanded[None])
+        firing.end_period_if_load_changed(law.accounts_for_load)
+        span = firing.next_span(setpoints.driven, tick, len(setpoints.u))
+        if span.begins:  # a period of pulses, which are to give the mean of what the law wants over it
+            mean_wanted = law.force(*setpoints.mean_law_setpoint(span.ticks))
+            firing.begin_period(limits.limited_base_wrench(space, Q, mean_wanted[None])[0])
+        wanted_on_base = limits.limited_base_wrench(space, Q, commanded[None])
         if span.is_pushed:
             wrench = firing.wrenches(1)
-            base_force = np.array([self._on_base(law.Q, wrench[0]), self._on_base(law.Q, firing.mean_wrench)])
-            joint_force = law.joint_force(*setpoints.at(tick), base_force)
-            commanded = commanded.copy()
+            base_force = np.array(
+                [
+                    self._base_force_of_thrusters(law.Q, wrench[0]),
+                    self._base_force_of_thrusters(law.Q, firing.mean_wrench),
+                ]
+            )
+            joint_force = law.joint_force(*setpoints.law_setpoint(tick), base_force)
+            commanded = commanded.copy()  # the caller keeps it in its log
             commanded[space.joint_rates] = joint_force[space.joint_rates]
-            (limits_as_vector,) = limits.holding_base(wrench)
+            (limits_as_vector,) = limits.vectors_fixing_base_wrench(wrench)
             limits = ForceLimits(*np.split(limits_as_vector, 2))
-        firing.pass_ticks(wanted_on_base, span.is_pushed)
+        firing.record_ticks(wanted_on_base, span.is_pushed)
         return commanded, limits
 
-    def _on_base(self, Q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
-        """Return the generalized force (n_twist,) of a wrench of thrusters, less what unloads wheels in this tick."""
+    def _base_force_of_thrusters(self, Q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        """Return the force on the base (n_twist,) of a wrench of thrusters, less what balances the unloading of wheels.
+
+        Args:
+            Q: Measured position of the robot (nq,).
+            wrench: Wrench of the thrusters, along the base's own axes (n_twist,) [N, N m].
+        """
         space = self.model.space
         F = np.array(space.along_inertial_axes(Q, [*wrench, *np.zeros(space.joints)]))
-        return (F if self.drive is None else self.drive.against_unloading(F))[space.base]
+        return (F if self.drive is None else self.drive.without_unloading(F))[space.base]
 
     @abstractmethod
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
@@ -559,22 +607,25 @@ class TickedPlant(ABC):
         """
 
     def begin_tick(self, time: float, state: np.ndarray, closed: bool) -> np.ndarray | None:
-        """Take in that a tick begins, and return the grasps of an object that all hands hold in it; None without one.
+        """Close and open grippers where a tick begins; here there is no object, so they hold nothing.
 
         Args:
-            time: Its beginning [s].
+            time: When the tick begins [s].
             state: State [Q; v] of the robot.
             closed: Whether the grippers are to be closed.
+
+        Returns:
+            Parameters of the grasps of an object that all hands hold, see `HeldLoad.force`; None while they do not.
         """
         return None
 
     def impulse_and_work(self, sum_of_ticks: np.ndarray, states: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return impulse and work over a sample with states X (M + 1, nq + n) under external forces F (M, n).
+        """Return impulse and work over a sample; here they are what `step` returns, summed over the ticks.
 
         Args:
-            sum_of_ticks: Sum of what `step` returns of them.
-            states: The states.
-            F: The forces.
+            sum_of_ticks: That sum, (4,) or (7,).
+            states: States at the ticks and at the end (M + 1, nq + n).
+            F: External generalized forces over the ticks (M, n) [N, N m].
         """
         return sum_of_ticks
 

@@ -35,16 +35,16 @@ from psmpc_cli.specs.uncertainty import ObjectErrorSpec
 Vector = Sequence[Any]
 
 MISSED_BY = ("position", "angle", "velocity", "angular_velocity")
-"""What a gripper has to be near in, to close; names as in `EnvelopeSpec`."""
+"""What decides whether a gripper may close, each relative to its grasp; names as in `EnvelopeSpec`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relative:
-    """Gripper and object relative to a pose of the gripper in the object's frame, in the inertial frame (3,) each.
+    """Motion of a gripper relative to a pose that is fixed to the object; vectors (3,) in the inertial frame.
 
     Attributes:
-        r, phi: Displacement [m], and rotation vector [rad], which is along the axis in either frame.
-        rdot, omega: Their rates, both bodies' velocities taken at the gripper's point [m/s, rad/s].
+        r, phi: Displacement from that pose [m], and rotation vector [rad].
+        rdot, omega: Velocity [m/s] and angular velocity [rad/s] relative to the object, both at the gripper's point.
         lever: From the object's centre of mass to the gripper [m].
     """
 
@@ -55,25 +55,28 @@ class Relative:
     lever: list[Any]
 
 
-def compared(
+def relative_motion(
     space: ConfigurationSpace, gripper: Any, gripper_rate: Any, object_pose: Any, object_velocity: Any, anchor: Any
 ) -> Relative:
-    """Compute displacement and velocity of a gripper relative to a pose fixed to the object, which a bushing acts on.
+    """Compute displacement and velocity of a gripper relative to a pose that is fixed to the object.
+
+    A bushing, the spring and damper of a closed gripper, acts on them; they also decide whether a gripper may close.
 
     Args:
         space: Coordinates of poses, planar or spatial.
-        gripper: Pose of the gripper.
-        gripper_rate: Linear velocity of its point and angular velocity, both in the inertial frame.
-        object_pose: Pose of the object.
-        object_velocity: Velocity of the object: linear, and angular about its own axes.
-        anchor: The pose in the object's frame that the gripper is compared with, that at which it closed.
+        gripper: Pose of the gripper (n_pose,).
+        gripper_rate: Linear velocity of its point and angular velocity, both in the inertial frame (n_twist,).
+        object_pose: Pose of the object (n_pose,).
+        object_velocity: Velocity of the object: linear, and angular about its own axes (n_twist,).
+        anchor: The pose in the object's frame that the gripper is compared with (n_pose,): where it is to close, or
+            where it has closed.
     """
     gripper_point, gripper_attitude = space.to_3d(gripper)
     gripper_linear, gripper_angular = space.twist_to_3d(gripper_rate)
     centre, object_attitude = space.to_3d(object_pose)
     object_linear, object_angular = space.twist_to_3d(object_velocity)
     anchor_point, anchor_attitude = space.to_3d(anchor)
-    # in the inertial frame; the velocity of the object is taken at the gripper's point
+    # from the object's axes into the inertial frame
     object_angular = rotate(object_attitude, object_angular)
     lever = add(gripper_point, scaled(centre, -1))
     wanted_attitude = product(object_attitude, anchor_attitude)
@@ -88,10 +91,10 @@ def compared(
 
 
 class GraspLaw:
-    """The bushings of one robot's grippers on one object, as CasADi functions.
+    """The bushings between a robot's grippers and an object, as CasADi functions: springs and dampers of the grasps.
 
-    The parameters of a gripper are its anchor, the pose recorded at closing, then k, kappa, d and delta, all 0 of an
-    open one.
+    The parameters of a bushing are its anchor, the gripper's pose in the object's frame as recorded at closing, then
+    stiffnesses k and kappa and dampings d and delta, all 0 of an open gripper.
 
     Attributes:
         grippers: Arms whose grippers take it.
@@ -102,8 +105,8 @@ class GraspLaw:
         bushing: Pose and velocity of a gripper (angular in the inertial frame), pose and velocity of the object,
             parameters -> wrench on the gripper at its point, wrench on the object about its centre, power [W].
         forces: Q, v, pose and velocity of the object, parameters of all grippers -> generalized force on the robot
-            (n,), wrench on the object about its centre, power; then for each gripper the wrench it puts on the object
-            at its point, and the load on it (3, A): pull, shear and moment.
+            (n,), wrench on the object about its centre, power [W]; then for each gripper the wrench it puts on the
+            object at its point (wrench_size, A), and the load on it (3, A): pull, shear and moment.
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> None:
@@ -117,8 +120,8 @@ class GraspLaw:
         self.bushing = self._bushing()
         self.forces = self._forces()
 
-    def gripper(self, number: int, Q: Any, v: Any) -> tuple[Any, Any, Any]:
-        """Return pose, velocity (angular in the inertial frame) and Jacobian of a gripper."""
+    def gripper_motion(self, number: int, Q: Any, v: Any) -> tuple[Any, Any, Any]:
+        """Return pose, velocity (angular in the inertial frame) and Jacobian of a gripper, given by its number."""
         frame = list(self.model.pose_rows).index(self.grippers[number])
         J = self.model.J_C(Q)[self.wrench_size * frame : self.wrench_size * (frame + 1), :]
         return self.model.g(Q)[self.model.pose_rows[self.grippers[number]]], J @ v, J
@@ -129,21 +132,23 @@ class GraspLaw:
         The force acts on both bodies at the gripper's point, so the pair has no resultant and momentum is conserved.
 
         Returns:
-            Pose and velocity of the gripper, pose and velocity of the object, parameters -> wrench on the gripper at
-            its point, wrench on the object about its centre, power [W].
+            Function of the gripper's pose and velocity (angular in the inertial frame), the object's pose and velocity,
+            and the parameters (anchor, two stiffnesses, two dampings). Its results are the wrench on the gripper at its
+            point, the wrench on the object about its centre, and the power of both wrenches [W].
         """
         argument_sizes = {
-            "gripper": self.object_sizes[0],
-            "turn": self.wrench_size,
-            "pose": self.object_sizes[0],
-            "v": self.wrench_size,
+            "gripper": self.space.n_pose,
+            "turn": self.space.n_twist,
+            "pose": self.space.n_pose,
+            "v": self.space.n_twist,
         }
         bodies = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
         parameters = ca.SX.sym("p", self.n_parameters)
-        anchor = ca.vertsplit(parameters)[: self.object_sizes[0]]
-        stiffness, angular_stiffness, damping, angular_damping = ca.vertsplit(parameters)[self.object_sizes[0] :]
+        anchor = ca.vertsplit(parameters)[: self.space.n_pose]
+        stiffness, angular_stiffness, damping, angular_damping = ca.vertsplit(parameters)[self.space.n_pose :]
         gripper, gripper_rate, object_pose, object_velocity = map(ca.vertsplit, bodies)
-        relative = compared(self.space, gripper, gripper_rate, object_pose, object_velocity, anchor)
+        relative = relative_motion(self.space, gripper, gripper_rate, object_pose, object_velocity, anchor)
+        # on the gripper; the object bears the opposite at the same point, which has a lever about its centre
         force = add(scaled(relative.r, -stiffness), scaled(relative.rdot, -damping))
         moment = add(scaled(relative.phi, -angular_stiffness), scaled(relative.omega, -angular_damping))
         moment_on_object = add(scaled(moment, -1), cross(relative.lever, scaled(force, -1)))
@@ -156,17 +161,20 @@ class GraspLaw:
     def _forces(self) -> ca.Function:
         """Sum up what the bushings of all A grasps do to robot and object, as one CasADi function.
 
+        A bushing is the spring and damper between a closed gripper and the object.
+
         Returns:
-            Q, v, pose and velocity of the object, parameters of all bushings -> generalized force on the robot (n,),
-            wrench on the object about its centre, power taken from both [W], the wrench that each gripper puts on the
-            object (wrench_size, A), and the loads of each grasp (3, A), which its strength is compared with: pull along
-            the line from the object's centre to the gripper, shear across it, and moment.
+            Function of Q, v, pose and velocity of the object, and the parameters of all bushings, gripper by gripper.
+            Its results are the generalized force on the robot (n,), the wrench on the object about its centre, the
+            power of them [W], the wrench that each gripper puts on the object at its own point (wrench_size, A), and
+            the loads of each grasp (3, A), which its strength is compared with: pull along the line from the object's
+            centre to the gripper [N], shear across it [N], and moment [N m].
         """
         argument_sizes = {
             "Q": self.model.nq,
             "v": self.model.n,
-            "pose": self.object_sizes[0],
-            "rate": self.object_sizes[1],
+            "pose": self.space.n_pose,
+            "rate": self.space.n_twist,
         }
         symbols = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
         Q, v, object_pose, object_velocity = symbols
@@ -177,7 +185,7 @@ class GraspLaw:
         wrenches_on_object = []
         loads = []
         for gripper in range(len(self.grippers)):
-            gripper_pose, gripper_rate, J = self.gripper(gripper, Q, v)
+            gripper_pose, gripper_rate, J = self.gripper_motion(gripper, Q, v)
             grasp = parameters[self.n_parameters * gripper : self.n_parameters * (gripper + 1)]
             on_gripper, about_centre, power_of_grasp = self.bushing(
                 gripper_pose, gripper_rate, object_pose, object_velocity, grasp
@@ -185,14 +193,14 @@ class GraspLaw:
             generalized_force = generalized_force + J.T @ on_gripper
             wrench_about_centre = wrench_about_centre + about_centre
             power = power + power_of_grasp
-            # loads of the grasp, as the object bears them: along the line from its centre, across it, and about it
-            anchor_point, _ = self.space.to_3d(ca.vertsplit(grasp)[: self.object_sizes[0]])
+            # Loads of the grasp. An outward force of the gripper on the object, along the line from its centre, pulls.
+            anchor_point, _ = self.space.to_3d(ca.vertsplit(grasp)[: self.space.n_pose])
             _, attitude = self.space.to_3d(ca.vertsplit(object_pose))
             centre_to_gripper = rotate(attitude, anchor_point)
             force_on_object, moment = self.space.twist_to_3d(ca.vertsplit(-on_gripper))
             distance = ca.sqrt(dot(centre_to_gripper, centre_to_gripper))
-            pull = dot(force_on_object, centre_to_gripper) / ca.fmax(distance, TINY)
-            shear = ca.sqrt(ca.fmax(dot(force_on_object, force_on_object) - pull**2, 0))
+            pull = dot(force_on_object, centre_to_gripper) / ca.fmax(distance, SMALLEST_LEVER)
+            shear = ca.sqrt(ca.fmax(dot(force_on_object, force_on_object) - pull**2, 0))  # not below 0 by rounding
             wrenches_on_object.append(-on_gripper)
             loads.append(ca.vertcat(pull, shear, ca.sqrt(dot(moment, moment))))
         outputs = ca.cse(
@@ -200,72 +208,85 @@ class GraspLaw:
         )
         return ca.Function("forces", [*symbols, parameters], outputs)
 
-    def approach(
+    def distances_and_inverse_masses(
         self, gripper: int, Q: np.ndarray, v: np.ndarray, target_object: np.ndarray, anchor: np.ndarray
-    ) -> np.ndarray:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Compute how far a gripper is from its place on the object, and how heavy both bodies are there.
 
-        The former decides whether it may close, the latter sets the damping of its grasp.
+        The distances decide whether it may close, the masses set the damping of its grasp.
 
         Args:
             gripper: Number of the gripper.
             Q: Position of the robot (nq,).
-            v: Its velocity (n,).
-            target_object: Pose and velocity of the object.
-            anchor: The place: a pose of the gripper in the object's frame.
+            v: Velocity of the robot (n,).
+            target_object: Pose and velocity of the object (n_pose + n_twist,).
+            anchor: The gripper's place on the object: a pose in the object's frame (n_pose,).
 
         Returns:
-            Distance [m], angle [rad], velocity [m/s], angular velocity [rad/s]; then, means over the directions, the
-            inverses of the effective mass and of the effective inertia of both bodies at the gripper (6,).
+            Distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s] relative to the place (4,). And the
+            inverses of the mass [1/kg] and of the inertia [1/(kg m^2)] that a wrench between gripper and object has to
+            move, each a mean over its directions (2,).
         """
         d = self.model.dimension
-        object_pose, object_velocity = np.split(target_object, [self.object_sizes[0]])
-        gripper_pose, gripper_rate, J = (output.full() for output in self.gripper(gripper, Q, v))
-        relative = compared(
+        object_pose, object_velocity = np.split(target_object, [self.space.n_pose])
+        gripper_pose, gripper_rate, J = (output.full() for output in self.gripper_motion(gripper, Q, v))
+        relative = relative_motion(
             self.space, gripper_pose.ravel(), gripper_rate.ravel(), object_pose, object_velocity, anchor
         )
-        distances = (
+        distances = [
             np.linalg.norm(difference) for difference in (relative.r, relative.phi, relative.rdot, relative.omega)
-        )
+        ]
+        # acceleration of gripper relative to object by a wrench on the one and its opposite on the other
         inverse_of_robot = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T)
-        inverse = inverse_of_robot + self._inverse_mass(object_pose, relative.lever, relative.lever)
-        return np.array([*distances, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
+        inverse = inverse_of_robot + self._inverse_mass_of_object(object_pose, relative.lever, relative.lever)
+        return np.array(distances), np.array([inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
 
     def inverse_mass(self, Q: np.ndarray, pose: np.ndarray, anchors: np.ndarray) -> np.ndarray:
-        """Compute the accelerations of all grippers relative to the object by the wrenches between them, at rest.
+        """Compute the inverse of the effective mass between grippers and object, to find how fast grasps oscillate.
 
-        W = J H^-1 J' + J_o M_o^-1 J_o': a wrench on each gripper and the opposite on the object. Its eigenvalues with
-        the stiffness of the grasps give their frequencies.
+        It is W = J H^-1 J' + J_o M_o^-1 J_o', with the Jacobians J of the grippers and J_o of the object's points at
+        them: W times the wrenches on the grippers, the opposite ones on the object, is the acceleration of the grippers
+        relative to the object at rest.
 
         Args:
             Q: Position of the robot (nq,).
-            pose: Pose of the object.
-            anchors: Poses of the A grippers in the object's frame (A, 3) or (A, 7); they may not be there yet.
+            pose: Pose of the object (n_pose,).
+            anchors: Poses in the object's frame where the A grippers hold it (A, n_pose). The robot at Q need not have
+                its grippers there.
 
         Returns:
-            W (A n_twist, A n_twist).
+            W (A n_twist, A n_twist), gripper by gripper, each with the components of a twist.
         """
-        J = np.vstack([self.gripper(i, Q, np.zeros(self.model.n))[2].full() for i in range(len(self.grippers))])
+        J = np.vstack([self.gripper_motion(i, Q, np.zeros(self.model.n))[2].full() for i in range(len(self.grippers))])
         _, attitude = self.space.to_3d(pose)
         levers = [rotate(attitude, self.space.to_3d(anchor)[0]) for anchor in anchors]
         object_part = np.block(
-            [[self._inverse_mass(pose, pushed_at, moved_at) for pushed_at in levers] for moved_at in levers]
+            [[self._inverse_mass_of_object(pose, pushed_at, moved_at) for pushed_at in levers] for moved_at in levers]
         )
         return np.asarray(J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + object_part)
 
-    def _inverse_mass(self, pose: np.ndarray, there: Vector, here: Vector) -> np.ndarray:
-        """Return the acceleration of the object's point at the lever `here` by a wrench on it at the lever `there`."""
+    def _inverse_mass_of_object(self, pose: np.ndarray, pushed_at: Vector, moved_at: Vector) -> np.ndarray:
+        """Return the acceleration of one point of the object at rest by a unit wrench on it at another point.
+
+        Args:
+            pose: Pose of the object (n_pose,).
+            pushed_at: Where the wrench acts, from the object's centre of mass, in the inertial frame (3,) [m].
+            moved_at: The point that accelerates, from the same centre and in the same frame (3,) [m].
+
+        Returns:
+            (n_twist, n_twist), a column for each component of the wrench.
+        """
         columns = []
         space = self.space
         for force, moment in map(space.twist_to_3d, np.eye(self.wrench_size)):
-            wrench = space.twist(force, add(moment, cross(there, force)))
+            wrench = space.twist(force, add(moment, cross(pushed_at, force)))
             linear, angular = space.twist_to_3d(self.body.rates(pose, np.zeros(self.wrench_size), wrench)[1])
             angular = rotate(space.to_3d(pose)[1], angular)
-            columns.append(space.twist(add(linear, cross(angular, here)), angular))
+            columns.append(space.twist(add(linear, cross(angular, moved_at)), angular))
         return np.array(columns, dtype=float).T
 
 
-TINY = 1e-12
+SMALLEST_LEVER = 1e-12
 """Distance from the centre of mass below which a grasp has no outward direction [m]."""
 
 
@@ -273,29 +294,31 @@ class Capture:
     """The object of a run and the state of its grasps: which are closed, where, and what load they bear.
 
     Attributes:
-        law: The bushings.
+        law: The bushings between grippers and object.
         body: The true object.
         described: The object as the task describes it, which is what a low-level law may know of it.
-        state: Pose and velocity of the object.
-        parameters: Of the bushings now, gripper by gripper.
-        closed: Which of them are closed (A,).
-        load: Filtered loads on them, pull, shear and moment (A, 3).
-        filter: Share of the difference to the load by which the filtered one follows it at a tick.
+        state: Pose and velocity of the object now (n_pose + n_twist,).
+        parameters: Parameters of the bushings now, a row for each gripper (A, n_parameters).
+        closed: Which grippers are closed (A,).
+        load: Filtered loads on the grasps: pull, shear and moment (A, 3).
+        filter_gain: Share of the difference between load and filtered load by which the latter changes in a tick.
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel, target_object: ObjectBody) -> None:
-        """Set up a free object, which may differ from its description, and open grippers.
+        """Set up a free object and open grippers.
 
-        Mass and velocity differ from the description by draws of the task's seed.
+        Where the task says that the object is uncertain, its true mass and velocity differ from the description: they
+        are drawn at random from the task's seed.
 
         Args:
-            task: The task, with its seed and the uncertainty of the object.
+            task: The task, with its seed, the uncertainty of the object and the rate of the low-level law.
             model: The robot.
             target_object: The object as the task describes it.
         """
         spec = target_object.grasp
         body = body_of(target_object)
         error = task.uncertainty.object or ObjectErrorSpec()
+        # of the mass, of three linear and of three angular velocities; in the plane some of these are not used
         draws = stream(task.seed, "object").uniform(-1, 1, 7)
         mass_factor = 1 + error.mass * draws[0]
         v = velocity_of(target_object)
@@ -311,18 +334,19 @@ class Capture:
         self.state = np.array([*target_object.pose, *v])
         self.tick = tick
         count = len(law.grippers)
-        self._anchors = np.array([spec.at[gripper] for gripper in law.grippers])
-        self.parameters = np.hstack([self._anchors, np.zeros((count, 4))])
+        self._anchors = np.array([spec.at[gripper] for gripper in law.grippers])  # where grippers are to close
+        self.parameters = np.hstack([self._anchors, np.zeros((count, 4))])  # 0: stiffnesses and dampings when open
         self.closed = np.zeros(count, bool)
         self._is_to_hold = False  # whether grippers are commanded to be closed
         self.load = np.zeros((count, len(GRASP_LOADS)))
-        self._load_at_loss = np.zeros_like(self.load)
+        self._load_at_loss = np.zeros_like(self.load)  # of grasps lost at this tick, for the log
         self._events = list[GraspEvent]()
         # states, wrenches, loads, closed grippers over the ticks of the sample so far, for its log
         self._ticks_of_sample: list[tuple[np.ndarray, ...]] = []
         self._forces = ArrayFunction(law.forces)
-        # of a first-order filter with that time constant, over one tick; without a strength loads are not filtered
-        self.filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
+        # A first-order filter with time constant T follows by 1 - exp(-tick / T). Grasps that cannot be lost, those
+        # without a strength, have no filter.
+        self.filter_gain = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
 
     @property
     def pose_and_velocity(self) -> tuple[np.ndarray, np.ndarray]:
@@ -331,7 +355,7 @@ class Capture:
 
     @property
     def header(self) -> dict[str, ArrayLike]:
-        """What a log says of the object before a run begins, by path."""
+        """What a log says of object and grasps before a run begins, by the path of its dataset."""
         d = self.law.model.dimension
         grippers = self.law.grippers
         return {
@@ -353,11 +377,11 @@ class Capture:
 
     @property
     def holding(self) -> dict[str, bool]:
-        """What grippers report, by arm: whether each holds the object; nothing while they are open."""
+        """What grippers report: whether each holds the object, by arm; empty while they are commanded to be open."""
         return dict(zip(self.law.grippers, self.closed.tolist(), strict=True)) if self._is_to_hold else {}
 
     def measured(self, sample: int) -> np.ndarray:
-        """Return the pose that is measured at a sample, (3,) or (7,)."""
+        """Return the pose of the object that is measured at a sample, with the noise of the task, (3,) or (7,)."""
         noise = self._task.uncertainty.noise
         size = self.law.wrench_size
         d = self.law.model.dimension
@@ -367,41 +391,49 @@ class Capture:
         return np.array(self.law.space.integrate(pose, step))
 
     def eigenvalues_when_held(self, Q: np.ndarray) -> np.ndarray:
-        """Compute the eigenvalues [1/s] of robot and object held by all grippers, to choose a step of the integrator.
+        """Compute how fast robot and object oscillate when all grippers hold it, to check the integrator's step.
 
-        With displacements r of the grippers, r'' = -W (K r + D r'): W as in `GraspLaw.inverse_mass`, K and D the
-        stiffnesses and dampings of the bushings, as they are set at closing.
+        The displacements r of the grippers relative to the object (A n_twist,) follow r'' = -W (K r + D r'), with W of
+        `GraspLaw.inverse_mass` and the stiffnesses K and dampings D of the bushings, as they are set at closing.
 
         Args:
             Q: Position of the robot (nq,), near that at which the grippers close.
+
+        Returns:
+            Complex eigenvalues of that equation [1/s], two for each component of r.
         """
         pose, _ = self.pose_and_velocity
         d = self.law.model.dimension
         W = self.law.inverse_mass(Q, pose, self._anchors)
-        is_angular = np.r_[np.zeros(d, int), np.ones(self.law.wrench_size - d, int)]
+        # for each component of a twist, which of a pair it takes: 0 the linear stiffness or damping, 1 the angular one
+        which_of_pair = np.r_[np.zeros(d, int), np.ones(self.law.wrench_size - d, int)]
         stiffness = []
         damping = []
         for gripper in range(len(self._anchors)):
             inverses_of_gripper = W.diagonal()[gripper * self.law.wrench_size : (gripper + 1) * self.law.wrench_size]
             mean_inverses = np.array([inverses_of_gripper[:d].mean(), inverses_of_gripper[d:].mean()])
-            stiffness.append(np.array(self.spec.stiffness)[is_angular])
-            damping.append(self._damping(mean_inverses)[is_angular])
+            stiffness.append(np.array(self.spec.stiffness)[which_of_pair])
+            damping.append(self._damping(mean_inverses)[which_of_pair])
         zeros = np.zeros_like(W)
+        # of the state [r; r']; W * k scales the columns of W, as a product with the diagonal matrix of k does
         system_matrix = np.block(
             [[zeros, np.eye(len(W))], [-W * np.concatenate(stiffness), -W * np.concatenate(damping)]]
         )
         return np.linalg.eigvals(system_matrix)
 
     def _damping(self, inverse: np.ndarray) -> np.ndarray:
-        """Return both dampings of a bushing from the inverses of effective mass and inertia (2,) at it."""
+        """Return linear and angular damping of a bushing from the inverses of effective mass and inertia (2,) at it.
+
+        They are those of the wanted damping ratio, d = 2 zeta sqrt(k m).
+        """
         return np.asarray(2 * self.spec.damping_ratio * np.sqrt(self.spec.stiffness / inverse))
 
-    def want(self, time: float, robot_state: np.ndarray, wanted: bool) -> None:
-        """Close or open the grippers at the beginning of a tick.
+    def command_grippers(self, time: float, robot_state: np.ndarray, wanted: bool) -> None:
+        """Close or open the grippers at the beginning of a tick, where the command changes.
 
         Args:
-            time: Of the tick [s].
-            robot_state: State [Q; v] of the robot.
+            time: When the tick begins [s].
+            robot_state: State [Q; v] of the robot (nq + n,).
             wanted: Whether they are to be closed.
         """
         if wanted and not self._is_to_hold:
@@ -411,33 +443,41 @@ class Capture:
         self._is_to_hold = wanted
 
     def begin_tick(self, time: float, robot_state: np.ndarray, wanted: bool) -> np.ndarray | None:
-        """Close, open and lose grasps at the beginning of a tick.
+        """Close or open the grippers at the beginning of a tick, and drop the grasps that would bear too much in it.
+
+        Args:
+            time: When the tick begins [s].
+            robot_state: State [Q; v] of the robot (nq + n,).
+            wanted: Whether they are to be closed.
 
         Returns:
-            The grasps of an object that all hands hold, see `HeldLoad.force`; None while they do not.
+            Parameters of the grasps of an object that all hands hold, see `HeldLoad.force`; None while they do not.
         """
-        self.want(time, robot_state, wanted)
+        self.command_grippers(time, robot_state, wanted)
         times = np.array([time])
-        while not self.record(times, self.state[None], *(values[None] for values in self.borne(robot_state))):
-            pass  # what is left of the grasps bears the tick
-        return self.parameters[:, :-2] if self.closed.all() else None
+        while not self.record_until_loss(
+            times, self.state[None], *(values[None] for values in self.wrenches_and_loads(robot_state))
+        ):
+            pass  # a grasp was lost: look whether those that are left bear the tick
+        return self.parameters[:, :-2] if self.closed.all() else None  # without the dampings
 
     @property
     def is_known_load(self) -> bool:
         """Whether all hands hold the object, and the low-level law knows of it."""
         return bool(self.spec.known and self.closed.all())
 
-    def record(self, times: np.ndarray, states: np.ndarray, wrench: np.ndarray, load: np.ndarray) -> int:
+    def record_until_loss(self, times: np.ndarray, states: np.ndarray, wrench: np.ndarray, load: np.ndarray) -> int:
         """Record what the grasps bear over K ticks, up to the first in which one bears too much and is lost.
 
         Args:
-            times: Beginnings of the ticks (K,) [s].
-            states: Pose and velocity of the object at them (K, size).
-            wrench: Wrenches on the object at the grippers (K, A, 3) or (K, A, 6).
-            load: Filtered loads on the grasps (K, A, 3).
+            times: When the ticks begin (K,) [s].
+            states: Pose and velocity of the object where they begin (K, n_pose + n_twist).
+            wrench: Wrenches on the object at the grippers (K, A, n_twist).
+            load: Filtered loads on the grasps: pull, shear and moment (K, A, 3).
 
         Returns:
-            The number of ticks before a loss. The tick of a loss has to be simulated again, without what was lost.
+            The number of ticks before a loss, K if nothing is lost. The tick of a loss is not recorded: it has to be
+            simulated again, without the grasp that was lost.
         """
         is_too_much = self.closed & (load > self.spec.largest_loads).any(axis=2)
         ticks_of_loss = np.flatnonzero(is_too_much.any(axis=1))
@@ -445,7 +485,8 @@ class Capture:
         if ticks_before_loss:
             logged_load = load[:ticks_before_loss].copy()
             self.load = logged_load[-1].copy()
-            # a tick in which a grasp was lost is simulated again without it; its log shows the load that was too much
+            # If a grasp was lost at the first of these ticks, the tick is simulated again without it, and the log shows
+            # the load that was too much.
             logged_load[0] += self._load_at_loss
             self._load_at_loss[:] = 0.0
             self._ticks_of_sample.append(
@@ -463,8 +504,8 @@ class Capture:
             self._open(float(times[ticks_before_loss]), lost_grippers, "lost")
         return ticks_before_loss
 
-    def ticks(self) -> ObjectTicks:
-        """Return what happened in the sample, and begin the next one."""
+    def end_sample(self) -> ObjectTicks:
+        """Return what object and grasps did over the sample that ends, and begin the record of the next one."""
         states, wrench, load, closed = (np.concatenate(column) for column in zip(*self._ticks_of_sample, strict=True))
         pose, v = np.split(np.vstack([states, self.state]), [self.law.object_sizes[0]], axis=1)
         events = tuple(self._events)
@@ -473,12 +514,13 @@ class Capture:
         return ObjectTicks(pose, v, wrench, load, closed, events)
 
     def _close(self, time: float, robot_state: np.ndarray) -> None:
-        """Close every gripper that is near enough to its place on the object, and record which do and which miss it.
+        """Close every gripper that is near enough to its place on the object, and record which close and which miss it.
 
-        A gripper that closes holds the pose relative to the object that it then has, by a bushing.
+        A gripper may close inside its envelope: limits of distance, angle, velocity and angular velocity relative to
+        that place. A bushing, a spring and damper, then holds it in the pose relative to the object that it has.
 
         Args:
-            time: Time of the tick [s].
+            time: When the tick begins [s].
             robot_state: State [Q; v] of the robot (nq + n,).
         """
         envelope = [getattr(self.spec.envelope, name) for name in MISSED_BY]
@@ -486,9 +528,8 @@ class Capture:
         pose, _ = self.pose_and_velocity
         poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(robot_state[:nq]), strict=True))
         for number, gripper in enumerate(self.law.grippers):
-            distances, mean_inverses = np.split(
-                self.law.approach(number, robot_state[:nq], robot_state[nq:], self.state, self._anchors[number]),
-                [len(MISSED_BY)],
+            distances, mean_inverses = self.law.distances_and_inverse_masses(
+                number, robot_state[:nq], robot_state[nq:], self.state, self._anchors[number]
             )
             is_inside = bool((distances <= envelope).all())
             self._events.append(
@@ -501,41 +542,45 @@ class Capture:
                 self.load[number] = 0.0
 
     def _open(self, time: float, which: np.ndarray, why: str) -> None:
+        """Open grippers, given by a mask (A,), and record why: `let go` or `lost`; their bushings no longer act."""
         for i in np.flatnonzero(which):
             self._events.append(GraspEvent(self.law.grippers[i], time, why, tuple(self.load[i].tolist())))
             self.parameters[i, -4:] = 0.0
             self.closed[i] = False
             self.load[i] = 0.0
 
-    def borne(self, robot_state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute what grasps bear in a tick: wrenches on the object (A, 3) or (A, 6), and filtered loads (A, 3)."""
+    def wrenches_and_loads(self, robot_state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute what grasps bear in a tick: their wrenches on the object (A, n_twist), and filtered loads (A, 3)."""
         if not self.closed.any():
             return np.zeros((len(self.closed), self.law.wrench_size)), self.load
         nq = self.law.model.nq
         pose, v = self.pose_and_velocity
         *_, wrench, load = self._forces(robot_state[:nq], robot_state[nq:], pose, v, self.parameters.ravel())
-        return wrench, self.load + self.filter * self.closed[:, None] * (load - self.load)
+        return wrench, self.load + self.filter_gain * self.closed[:, None] * (load - self.load)
 
 
 def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
-    """Build the object of a task with its grasps; None if it has no mass, since then it takes part in no dynamics.
+    """Build the object of a task with its grasps, for the plants that simulate robot and object together.
 
     Args:
         task: The task.
         model: The robot.
 
+    Returns:
+        Object and grasps; None if the object has no mass, since then it takes part in no dynamics.
+
     Raises:
-        InputError: The grasps are too stiff for the integrator's step, with the largest step that would do.
+        InputError: The grasps are too stiff for the integrator's step. The message says the largest step that would do.
     """
     if task.body.mass == 0.0:
         return None
     capture = Capture(task, model, task.body)
     eigenvalues = capture.eigenvalues_when_held(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
-    if not is_stable(eigenvalues * step * RESERVE):
+    if not is_stable(eigenvalues * step * STEP_RESERVE):
         allowed_step = step
-        while not is_stable(eigenvalues * allowed_step * RESERVE):
-            allowed_step *= 0.98  # until one is stable, to 2 %
+        while not is_stable(eigenvalues * allowed_step * STEP_RESERVE):
+            allowed_step *= 0.98  # the largest stable step is found to 2 %
         raise InputError(
             f"object.grasp.stiffness: found a step of {step:g} s, expected at most {allowed_step:.2g} s for grasps "
             "of this stiffness and damping: take a smaller plant.step, or softer grasps"
@@ -543,8 +588,8 @@ def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
     return capture
 
 
-RESERVE = 1.3
-"""By how much the step may be too short: effective masses change with the posture, and the grippers close elsewhere."""
+STEP_RESERVE = 1.3
+"""Factor by which a step has to be stable beyond its length: effective masses change with the posture."""
 
 
 def is_stable(z: np.ndarray) -> bool:
@@ -598,7 +643,7 @@ class CapturePlant(TickedPlant):
 
     def end_sample(self) -> ObjectTicks:
         """Return what the object and its grasps did over the sample."""
-        return self.capture.ticks()
+        return self.capture.end_sample()
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,10 +22,19 @@ class IdealPlant:
     ) -> Ticks:
         """Advance over the M ticks of a sample with exactly the commanded accelerations: a plant without dynamics.
 
-        Motion is integrated from u alone. F is the force that would be needed where each tick begins, by inverse
-        dynamics; impulse and work are the change of momentum and kinetic energy over the sample. Rates in task space
-        are turned into accelerations where each tick begins. This plant knows neither disturbances nor grippers, and
-        takes all of the base as driven. See `Plant.advance`.
+        It shows what a controller does when the robot moves as the controller believes. Motion is integrated from u
+        alone; rates in task space are first turned into accelerations. Disturbances, grippers and
+        which coordinates of the base are driven have no effect.
+
+        Args:
+            start: When the sample begins [s].
+            state: State [Q; v] when it begins (nq + n,).
+            setpoints: Accelerations u (M, n), or rates in task space (M, k); the others are not used.
+            disturbance: Not used.
+
+        Returns:
+            The motion. F is the force that would be needed where each tick begins, by inverse dynamics; impulse and
+            work are the change of momentum and kinetic energy over the sample.
         """
         model = self.model
         u = setpoints.u
@@ -38,7 +47,10 @@ class IdealPlant:
         return Ticks(start + self.tick * np.arange(len(u) + 1), np.hstack([Q, v]), F, impulse_and_work)
 
     def _accelerations(self, state: np.ndarray, twist_rates: np.ndarray) -> np.ndarray:
-        """Return the accelerations (M, n) that give twists these rates (M, k), one a tick, from a state on."""
+        """Return the accelerations (M, n) by which base and end-effectors follow rates of their velocities (M, k).
+
+        The accelerations of a tick depend on the state where it begins, so the motion is integrated along.
+        """
         model = self.model
         Q = state[: model.nq]
         v = state[model.nq :]

@@ -41,12 +41,12 @@ class MujocoPlant(TickedPlant):
         firing: ThrusterFiring | None = None,
         drive: WheelDrive | None = None,
     ) -> None:
-        """Set up MuJoCo's model of the robot, and where its coordinates are among those of MuJoCo.
+        """Set up MuJoCo's model of the robot, and find where the robot's coordinates are among those of MuJoCo.
 
         Args:
             model: The robot.
             tick: Length of a tick of the low-level law [s].
-            substeps: Steps of MuJoCo in a tick.
+            substeps: Integration steps of MuJoCo in a tick.
             friction: Friction of joints; None without any.
             force_limits: Limits at which the force of the law is cut; None without any.
             target_object: A free body beside the robot, in the same model; None without any.
@@ -58,24 +58,26 @@ class MujocoPlant(TickedPlant):
         self.friction = friction or JointFriction.none(model.n)
         self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
-        self._parameters_in_engine = np.zeros(0)  # none yet
+        self._parameters_in_engine = np.zeros(0)  # none yet, so the next line builds the engine
         self.set_inertial_parameters(model.nominal)
         names = [body.name for body in model.spec.bodies]
         space = model.space
         moves = model.spec.moved_by.moves
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
-        # a base that does not move has no coordinates in MuJoCo
+        # Indices into MuJoCo's qpos and qvel, in the order of Q and v. The base comes first; a base that does not move
+        # has no coordinates in MuJoCo.
         self.q = np.r_[: space.n_pose * moves, self.engine.jnt_qposadr[joints]]
         self.v = np.r_[: space.n_twist * moves, self.engine.jnt_dofadr[joints]]
         wheels = [self.engine.joint(name).id for name in wheel_names(model.spec)]
         self.wheel_q = self.engine.jnt_qposadr[wheels]
         self.wheel_v = self.engine.jnt_dofadr[wheels]
         self._base = self.engine.body("base").id
+        # the rows of Q and of v that MuJoCo integrates
         self._moving_coordinates = slice(0 if moves else space.n_pose, None)
         self.moving_rates = slice(0 if moves else space.n_twist, None)
 
     def set_inertial_parameters(self, robot: InertialParameters) -> None:
-        """Build the engine for these inertial parameters of the robot and what it holds."""
+        """Build MuJoCo's model for inertial parameters of the robot and what it holds, if they are new."""
         if np.array_equal(robot.vector, self._parameters_in_engine):
             return
         self._parameters_in_engine = robot.vector
@@ -90,30 +92,30 @@ class MujocoPlant(TickedPlant):
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance the engine by a tick; the impulse is left 0, see `impulse_and_work`."""
         self.set_inertial_parameters(robot)
-        after, work = self._step(state, F)
+        after, work = self._step_engine(state, F)
         return after, np.append(np.zeros(self.model.space.n_twist), work)
 
     def impulse_and_work(self, sum_of_ticks: np.ndarray, states: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return work, and the impulse along the states; NaN of a mount, since MuJoCo does not return its force."""
         if not self.model.spec.moved_by.moves:
             return np.append(np.full(self.model.space.n_twist, np.nan), sum_of_ticks[-1])
-        return np.append(_impulse(self.model.space, states, F, self.tick), sum_of_ticks[-1])
+        return np.append(_external_impulse(self.model.space, states, F, self.tick), sum_of_ticks[-1])
 
     def replay(self, state: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return the states (M + 1, nq + n) after a state under given forces (M, n), held a tick each: no feedback."""
+        """Simulate given forces (M, n), held a tick each, from a state on; no law reads the states (M + 1, nq + n)."""
         states = np.vstack([state, np.empty((len(F), len(state)))])
         for k, force in enumerate(F):
-            states[k + 1], _ = self._step(states[k], force)
+            states[k + 1], _ = self._step_engine(states[k], force)
         return states
 
-    def _step(self, state: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, float]:
+    def _step_engine(self, state: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, float]:
         """Advance the robot by one tick under a held force, and compute the work of all forces.
 
-        The work of a force held over a step is exact, whatever the path between the states.
+        The work is force times displacement. For a force that is held over a step this is exact, whatever the path.
 
         Args:
-            state: State [Q; v] (nq + n,).
-            F: Generalized force (n,), with what motors of wheels give to the base.
+            state: State [Q; v] where the tick begins (nq + n,).
+            F: Generalized force (n,) [N, N m], with what motors of wheels give to the base.
 
         Returns:
             The state after the tick (nq + n,), and the work [J].
@@ -129,50 +131,63 @@ class MujocoPlant(TickedPlant):
         v = state[nq:].copy()
         drive = self.drive
         if drive is not None:
-            F = drive.of_thrusters(F)  # the motors turn the wheels against the base
-            self.put_wheels(drive, drive.momentum, v)
+            # the motors' torques act on the wheels' joints, so MuJoCo gives the base the opposite itself
+            F = drive.without_motors(F)
+            self.set_wheel_momenta(drive, drive.momentum, v)
             data.qpos[self.wheel_q] = 0.0
             data.qfrc_applied[self.wheel_v] = drive.torque
         for _ in range(self.substeps):
             Q_before = Q.copy()
             v_before = v.copy()
-            acting = friction.net_force(F, v)
-            self.put(Q, v)
+            acting = friction.net_force(F, v)  # held over the step, unlike in plant rk4
+            self.set_state(Q, v)
             data.qfrc_applied[self.v] = acting[rates]
             mujoco.mj_step(self.engine, data)
             Q[coordinates] = data.qpos[self.q]
             v[rates] = data.qvel[self.v]
             displacement = np.array(space.difference(Q_before, Q))
-            # the displacement of an attitude is not the integral of its velocity: the difference is taken off
+            # the displacement of an attitude is not the integral of its angular velocity: the difference is taken off
             displacement = displacement - space.magnus_correction(v_before[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ displacement)
         if drive is not None:
-            work += float(drive.torque @ data.qpos[self.wheel_q])
+            work += float(drive.torque @ data.qpos[self.wheel_q])  # wheels began at angle 0
         return np.concatenate([Q, v]), work
 
-    def put(self, Q: np.ndarray, v: np.ndarray) -> None:
-        """Set the engine's robot to coordinates Q (nq,) and velocities v (n,), a fixed base where it is mounted."""
+    def set_state(self, Q: np.ndarray, v: np.ndarray) -> None:
+        """Set the engine's robot to coordinates Q (nq,) and velocities v (n,); a fixed base is put where Q has it."""
         space = self.model.space
         if not self.model.spec.moved_by.moves:
             self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.to_3d(Q[space.base_coordinates])
         self.data.qpos[self.q] = Q[self._moving_coordinates]
         self.data.qvel[self.v] = v[self.moving_rates]
 
-    def put_wheels(self, drive: WheelDrive, h: np.ndarray, v: np.ndarray) -> None:
-        """Have the engine's wheels store momenta h (W,) where the robot has velocities v (n,)."""
+    def set_wheel_momenta(self, drive: WheelDrive, h: np.ndarray, v: np.ndarray) -> None:
+        """Set the speeds of the engine's wheels so that they store momenta h (W,) on a robot of velocity v (n,)."""
         self.data.qvel[self.wheel_v] = drive.wheels.spins(h, v)
 
 
-def _impulse(space: ConfigurationSpace, states: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
-    """Return the integral of the external wrench (n_twist,) [N s, N m s] along states X (M + 1, nq + n).
+def _external_impulse(space: ConfigurationSpace, states: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
+    """Return the integral of the external wrench along the states of a sample.
 
-    The forces F (M, n) are held; the integral over a tick is by the trapezoidal rule with its end correction, with an
-    error of the order of tick^5.
+    MuJoCo does not return it. Over each tick it is taken by the trapezoidal rule with its end correction, h/2 (w_0 +
+    w_1) - h^2/12 (w'_1 - w'_0), which has an error of the order of h^5.
+
+    Args:
+        space: Coordinates of the robot.
+        states: States [Q; v] at the ticks and at the end (M + 1, nq + n).
+        F: External generalized forces, each held over a tick (M, n) [N, N m].
+        tick: Length h of a tick [s].
+
+    Returns:
+        Impulse, and angular impulse about the inertial origin (n_twist,) [N s, N m s].
     """
     Q = states[:, : space.nq]
     v = states[:, space.nq :]
-    wrench = [np.array(space.external_wrench(at.T, F.T)) for at in (Q[:-1], Q[1:])]
-    rate = [np.array(space.external_wrench_rate(q.T, w.T, F.T)) for q, w in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))]
+    # where each tick begins, and where it ends; functions of the space take components along the first axis
+    wrench = [np.array(space.external_wrench(Q_at.T, F.T)) for Q_at in (Q[:-1], Q[1:])]
+    rate = [
+        np.array(space.external_wrench_rate(Q_at.T, v_at.T, F.T)) for Q_at, v_at in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))
+    ]
     trapezoidal = (tick / 2 * (wrench[0] + wrench[1])).sum(axis=1)
     return np.asarray(trapezoidal - (tick**2 / 12 * (rate[1] - rate[0])).sum(axis=1))
 
@@ -196,7 +211,7 @@ class MujocoStep:
         """Set up one tick of robot and object together: MuJoCo gives their accelerations, Runge-Kutta steps integrate.
 
         Args:
-            law: The bushings between grippers and object.
+            law: The bushings between grippers and object: springs and dampers of the grasps.
             body: The true object.
             tick: Length of a tick [s].
             substeps: Steps of the integrator in a tick.
@@ -231,11 +246,13 @@ class MujocoStep:
             state: State [Q; v] of the robot (nq + n,).
             target_object: Pose and velocity of the object.
             F: Generalized force on the robot (n,), with what motors of wheels give to the base.
-            parameters: Parameters of the bushings between grippers and object (A, n_parameters); 0 of an open gripper.
+            parameters: Parameters of the bushings between grippers and object (A, n_parameters); those of an open
+                gripper have stiffnesses and dampings of 0.
             robot: True inertial parameters of the robot.
 
         Returns:
-            State of the robot, state of the object, and impulse and work of the external forces over the tick.
+            State of the robot and state of the object after the tick; and, over the tick, the impulse of the external
+            wrench and the work of all forces, as in `Ticks.impulse_and_work` (n_twist + 1,).
         """
         self._robot.set_inertial_parameters(robot)
         step_length = self._tick / self._substeps
@@ -244,13 +261,13 @@ class MujocoStep:
         object_size = len(target_object)
         wheel_momenta = np.zeros(0)
         if self._drive is not None:
-            F = self._drive.of_thrusters(F)
+            F = self._drive.without_motors(F)  # MuJoCo gives the base the motors' torques, as they act on its wheels
             wheel_momenta = self._drive.momentum
-        impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
+        impulse_and_work = np.zeros(self._model.space.n_twist + 1)
         y = np.concatenate([state, target_object, impulse_and_work, wheel_momenta])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, step_length)
-            for quaternion in attitudes:
+            for quaternion in attitudes:  # a step leaves their norms only about 1
                 y[quaternion] /= np.linalg.norm(y[quaternion])
         return (
             y[:robot_size],
@@ -263,24 +280,25 @@ class MujocoStep:
 
         Args:
             integrated: y = [Q; v; pose of the object; its velocity; impulse; work; momenta of wheels].
-            F: External generalized force on the robot (n,).
-            parameters: Parameters of the bushings (A, n_parameters).
+            F: External generalized force on the robot, without the motors of wheels (n,) [N, N m].
+            parameters: Parameters of the bushings, the springs and dampers between grippers and object
+                (A, n_parameters).
 
         Returns:
-            dy/dt.
+            dy/dt, in the same order.
         """
         model = self._model
         engine = self._robot.engine
         data = self._robot.data
         law = self._law
-        ends = np.cumsum([model.nq, model.n, *law.object_sizes, model.parts["base"].stop + 1])
+        ends = np.cumsum([model.nq, model.n, *law.object_sizes, model.space.n_twist + 1])
         Q, v, object_pose, object_velocity, _, wheel_momenta = np.split(integrated, ends)
-        self._robot.put(Q, v)
+        self._robot.set_state(Q, v)
         torque = np.zeros(0)
         power_of_wheels = 0.0
         if self._drive is not None:
             torque = self._drive.torque
-            self._robot.put_wheels(self._drive, wheel_momenta, v)
+            self._robot.set_wheel_momenta(self._drive, wheel_momenta, v)
             power_of_wheels = float(torque @ data.qvel[self._robot.wheel_v])
         data.qpos[self._object_q] = object_pose
         data.qvel[self._object_v] = object_velocity
@@ -290,7 +308,7 @@ class MujocoStep:
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting[self._robot.moving_rates]
         data.qfrc_applied[self._robot.wheel_v] = torque
-        is_closed = [bushing[-4] > 0 for bushing in parameters]  # an open gripper has a stiffness of 0
+        is_closed = [bushing[-4] > 0 for bushing in parameters]  # its stiffness, which is 0 of an open gripper
         power_of_bushings = sum(
             self._apply_bushing(site, bushing)
             for site, bushing, closed in zip(self._gripper_sites, parameters, is_closed, strict=True)
@@ -298,6 +316,7 @@ class MujocoStep:
         )
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
+        # qacc_smooth is without constraints, of which there are none: no contacts, no limits of joints
         vdot = np.zeros(model.n)
         vdot[self._robot.moving_rates] = data.qacc_smooth[self._robot.v]
         velocity_rate = data.qacc_smooth[self._object_v]
@@ -319,22 +338,25 @@ class MujocoStep:
         )
 
     def _apply_bushing(self, site: int, parameters: np.ndarray) -> float:
-        """Apply the bushing between a gripper and the object to both, and return the power that it takes from them [W].
+        """Add the wrench of the bushing between a gripper and the object to the forces on MuJoCo's bodies.
 
-        A bushing is a spring and damper between the pose of the gripper and the one that it has in the object's frame.
-        Its wrench acts on the gripper and, with the opposite sign, on the object, both at the gripper's point.
+        A bushing is a spring and damper between the pose of the gripper and the pose, fixed to the object, at which it
+        closed. Its wrench acts on the gripper and, with the opposite sign, on the object, both at the gripper's point.
 
         Args:
             site: Number of the gripper's site in MuJoCo's model.
             parameters: Parameters of its bushing (n_parameters,).
+
+        Returns:
+            The power of both wrenches [W], negative where the damper takes energy.
         """
         engine = self._robot.engine
         data = self._robot.data
-        gripper_point = self._robot.data.site_xpos[site]
+        gripper_point = data.site_xpos[site]
         velocity = np.zeros(6)
         quaternion = np.zeros(4)
-        # angular before linear, along the axes of the world
-        mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
+        # fills in velocity: angular before linear, along the axes of the world
+        mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, flg_local=0)
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
         space = self._law.body.space
         rate = np.array(space.twist(velocity[3:], velocity[:3]))

@@ -21,7 +21,7 @@ from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.object import GRASP_LOADS
 
-LOADS = len(GRASP_LOADS)
+N_LOADS = len(GRASP_LOADS)
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class TickKind:
         substeps: Steps of the integrator in it.
         disturbed: Whether noise, an external force and inertial parameters are arguments.
         limited: Whether limits of the force are an argument.
-        in_task_space: Whether the law follows rates of the velocities J_C v.
-        varies: Whether the law is told what of the base is driven.
-        is_pushed: Whether thrusters push the base.
+        in_task_space: Whether the law follows rates of the velocities J_C v of base and end-effectors.
+        driven_varies: Whether an argument tells the law on which coordinates of the base something acts.
+        is_pushed: Whether thrusters push the base; then their wrench is an argument.
     """
 
     tick: float
@@ -43,28 +43,47 @@ class TickKind:
     disturbed: bool
     limited: bool
     in_task_space: bool = False
-    varies: bool = False
+    driven_varies: bool = False
     is_pushed: bool = False
 
 
 def capture_tick(capture: Capture, kind: TickKind) -> ca.Function:
-    """Return one tick of robot and object z, u -> z_next, F, commanded F, wrenches, torques of wheels.
+    """Return one tick of a robot with an object that it may hold, as a CasADi function that plants compile.
 
-    z = [state; impulse; work; momenta of wheels; object; filtered loads]. In task space the rates of the frames'
-    velocities follow u, then what of the base is driven if that varies, see `tick_function`. Further arguments: noise
-    (2n,) of a disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the
-    inertial parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the
-    filter of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of
-    the tick. The object counts in the law while all grippers hold it, where it is known. See `tick_function` for a tick
-    in which thrusters push the base.
+    Its arguments are, in this order:
+
+    - z = [state of the robot; impulse; work; momenta of wheels; pose and velocity of the object; filtered loads].
+    - u (n,), followed in task space by the rates of the frames' velocities, and by which coordinates of the base are
+      driven (n_twist,) if that varies.
+    - The noise (2n,) of a disturbed tick.
+    - The external force (n,).
+    - The parameters of the bushings (springs and dampers between grippers and object), then which grippers are closed.
+    - The inertial parameters of the robot, and those that the law takes for them; a `JointFriction`; mass and inertia
+      of the object, and those that the law takes for them; the share by which filtered loads follow the loads.
+    - The vector of `ForceLimits` of a limited tick. For one in which thrusters push the base see `tick_function`.
+
+    Its results are z after the tick, the force that acts F, the commanded force, the wrenches of grippers on the
+    object, and the torques of wheels if there are any. Wrenches and loads are those where the tick begins. The law
+    moves the object, too, while all grippers hold it, if the task lets the law know it.
+
+    Args:
+        capture: The object and its grasps.
+        kind: Which arguments the tick has.
     """
     law = capture.law
     known = bool(capture.spec.known)
+    # derived once for each key, which has all that the function depends on
     return law.model.derived((capture_tick, law.grippers, known, kind), lambda: _capture_tick(law, known, kind))
 
 
 def _capture_tick(law: GraspLaw, known: bool, kind: TickKind) -> ca.Function:
-    """Derive what `capture_tick` returns."""
+    """Derive what `capture_tick` returns.
+
+    Args:
+        law: The bushings between grippers and object.
+        known: Whether the low-level law may account for the object.
+        kind: Which arguments the tick has.
+    """
     model = law.model
     n = model.n
     nx = model.nq + n
@@ -73,9 +92,9 @@ def _capture_tick(law: GraspLaw, known: bool, kind: TickKind) -> ca.Function:
     of_body = 1 + len(law.body.inertia)
     flow = _capture_flow(law)
     rates = model.n_twists if kind.in_task_space else 0
-    driven = model.space.n_twist * kind.varies
+    driven = model.space.n_twist * kind.driven_varies
     sizes = {
-        "z": flow.size1_in(0) + LOADS * grippers,
+        "z": flow.size1_in(0) + N_LOADS * grippers,
         "u": n + rates + driven,
         "noise": 2 * n,
         "external_force": n,
@@ -97,9 +116,9 @@ def _capture_tick(law: GraspLaw, known: bool, kind: TickKind) -> ca.Function:
     pose, rate = ca.vertsplit(target_object, [0, law.object_sizes[0], sum(law.object_sizes)])
     Q, v = ca.vertsplit(state, [0, model.nq, nx])
     _, _, _, wrenches, loads = law.forces(Q, v, pose, rate, bushings)
-    holding = ca.vec(ca.repmat(closed.T, LOADS, 1))
+    holding = ca.vec(ca.repmat(closed.T, N_LOADS, 1))
     load = filtered + follows * holding * (ca.vec(loads) - filtered)
-    measured = ca.vertsplit(_measured(model)(state, noise) if kind.disturbed else state, [0, model.nq, nx])
+    measured = ca.vertsplit(_noisy_state(model)(state, noise) if kind.disturbed else state, [0, model.nq, nx])
     by_gripper = ca.horzsplit(ca.reshape(bushings, law.n_parameters, grippers))
     stiff = ca.vertcat(*(bushing[:-2] for bushing in by_gripper))  # without the dampings
     if wheels.count:
@@ -107,10 +126,15 @@ def _capture_tick(law: GraspLaw, known: bool, kind: TickKind) -> ca.Function:
     inputs = *ca.vertsplit(u, [0, n, n + rates, n + rates + driven]), stiff, believed, described
     if kind.is_pushed:
         on_base = _force_on_base(model, wheels, kind.tick)
-        inputs = *inputs, ca.vertcat(*(on_base(measured[0], wrench, momenta) for wrench in _thrust(model, limits)))
-    commanded = _law(law, known, kind)(ca.mmin(closed), *measured, *inputs)
-    of_base = u[n + rates :] if kind.varies else ca.DM(model.driven())
-    commanded, F, external, torque = _with_wheels(model, wheels, kind)(Q, commanded, limits[: 2 * n], momenta, of_base)
+        inputs = (
+            *inputs,
+            ca.vertcat(*(on_base(measured[0], wrench, momenta) for wrench in _thruster_wrenches(model, limits))),
+        )
+    commanded = _law_with_capture(law, known, kind)(ca.mmin(closed), *measured, *inputs)
+    of_base = u[n + rates :] if kind.driven_varies else ca.DM(model.driven())
+    commanded, F, external, torque = _limiter_with_wheels(model, wheels, kind)(
+        Q, commanded, limits[: 2 * n], momenta, of_base
+    )
     acting = ca.vertcat(external + external_force, torque)
     held_arguments = [acting, bushings, ca.vertcat(robot, friction, body)]
     attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.object_sizes))
@@ -132,17 +156,18 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     """Derive the rates of robot and object together under a force that is held over a tick, for the integrator.
 
     Args:
-        law: The bushings between grippers and object.
+        law: The bushings, springs and dampers, between grippers and object.
 
     Returns:
-        z, F, parameters of the bushings, p -> dz/dt, with z = [Q; v; impulse; work; momenta of wheels; pose and
-        velocity of the object]. F is the external force, then the torques of wheels, see `_gyrostat`. p are the
-        inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the object.
+        Function of z, F, the parameters of the bushings and p, with the result dz/dt. The integrated state is z = [Q;
+        v; impulse; work; momenta of wheels; pose and velocity of the object]. F is the external force, then the torques
+        of wheels. p are the inertial parameters of the robot, viscous friction (n,), Coulomb friction (n,), its width,
+        and mass and inertia of the object.
     """
     model = law.model
-    n = law.model.n
-    nq = law.model.nq
-    momentum_size = law.model.parts["base"].stop
+    n = model.n
+    nq = model.nq
+    momentum_size = model.space.n_twist
     n_inertial = model.nominal.vector.size
     object_size = sum(law.object_sizes)
     n_moments = len(law.body.inertia)
@@ -163,7 +188,7 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     object_velocity = z[z.numel() - law.object_sizes[1] :]
     momenta = z[z.numel() - object_size - wheels.count : z.numel() - object_size]
     grasp_force, wrench_on_object, power, _, _ = law.forces(Q, v, object_pose, object_velocity, bushings)
-    F_external, net_force, torque, power_of_wheels, robot = _gyrostat(model, wheels, F, momenta, robot)
+    F_external, net_force, torque, power_of_wheels, robot = _split_held_force(model, wheels, F, momenta, robot)
     acting = net_force - viscous * v - coulomb * ca.tanh(v / width)
     target_object = FreeBody(object_parameters[0], ca.vertsplit(object_parameters[1:]))
     pose_rate, velocity_rate = target_object.rates(
@@ -171,7 +196,7 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     )
     vdot = model.dynamics.forward(Q, v, acting + grasp_force, robot)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    # on a base that does not move, it is the force of its mount
+    # On a base that does not move, the external force is that of its mount: what the motion takes besides the grasps.
     external_force = (
         F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - grasp_force
     )
@@ -181,21 +206,22 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     return ca.Function("flow", [z, F, bushings, p], [zdot])
 
 
-def _law(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind) -> ca.Function:
+def _law_with_capture(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind) -> ca.Function:
     """Build the low-level law of a robot that may hold an object, as a function that switches between two laws.
 
     While all grippers hold an object that the law knows of, the force is that of `held_force`, which moves the object
     too. Otherwise it is the law of the robot alone.
 
     Args:
-        grasp_law: The bushings between grippers and object.
-        object_is_known: Whether the law may count with the object.
+        grasp_law: The bushings, springs and dampers, between grippers and object.
+        object_is_known: Whether the law may account for the object.
         kind: Which arguments the tick has.
 
     Returns:
-        all_hold (1 or 0), Q, v, u, rates in task space, driven coordinates of the base, grasps, inertial parameters,
-        object -> F (n,). Where thrusters push the base, the last argument is the force on it and its mean over the
-        period of pulses.
+        Function with the result F (n,). Its arguments are 1 if all grippers hold the object, else 0; Q; v; u; rates in
+        task space; driven coordinates of the base; grasps, a parameter vector without dampings for each gripper; the
+        inertial parameters of the robot; mass and inertia of the object. Where thrusters push the base, the last
+        argument is the force on it, then its mean over the period of pulses. What `kind` does not have is empty.
     """
     model = grasp_law.model
     space = model.space
@@ -204,62 +230,76 @@ def _law(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind) -> ca.Funct
         "v": model.n,
         "u": model.n,
         "rates": model.n_twists if kind.in_task_space else 0,
-        "driven": space.n_twist * kind.varies,
-        "grasps": (space.n_pose + 2) * len(grasp_law.grippers),
+        "driven": space.n_twist * kind.driven_varies,
+        "grasps": (space.n_pose + 2) * len(grasp_law.grippers),  # of each its anchor and both stiffnesses
         "w": model.nominal.vector.size,
         "body": 1 + space.n_principal,
         "base_force": 2 * space.n_twist * kind.is_pushed,
     }
     arguments = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
     Q, v, u, twist_rates, driven, grasps, inertial_parameters, object_parameters, base_force = arguments
-    base_argument = [driven] if kind.varies else []
-    now_and_mean = ca.vertsplit(base_force, space.n_twist) if kind.is_pushed else []
+    # last arguments of both laws, which say what acts on the base
+    base_alone = base_with_object = [driven] if kind.driven_varies else []
     if kind.is_pushed:
-        base_argument = now_and_mean[:1]
-    F_alone = law_of(model, kind)(Q, v, twist_rates if kind.in_task_space else u, inertial_parameters, *base_argument)
-    if not kind.is_pushed:
-        arguments = arguments[:-1]
+        now_and_mean = ca.vertsplit(base_force, space.n_twist)
+        base_alone = now_and_mean[:1]  # the law of the robot alone does not need the mean
+        base_with_object = now_and_mean
+    else:
+        arguments = arguments[:-1]  # there is no force of thrusters
+    F_alone = law_without_object(model, kind)(
+        Q, v, twist_rates if kind.in_task_space else u, inertial_parameters, *base_alone
+    )
     if not object_is_known:
+        # the same arguments as with a known object, of which the first has no effect
         return ca.Function("law", [ca.SX.sym("all_hold"), *arguments], [F_alone])
     law_alone = ca.Function("free", arguments, [F_alone])
     if kind.is_pushed:
         law_with_object = pushed_held_force(model, grasp_law.grippers)
-    elif kind.varies:
+    elif kind.driven_varies:
         law_with_object = law_with_driven_coordinates(model.spec, held_force(model, grasp_law.grippers), driven)
     else:
         law_with_object = held_force(model, grasp_law.grippers, model.driven())
-    F_with_object = law_with_object(
-        Q, v, u, grasps, inertial_parameters, object_parameters, *(now_and_mean or base_argument)
-    )
+    F_with_object = law_with_object(Q, v, u, grasps, inertial_parameters, object_parameters, *base_with_object)
     return ca.Function.if_else("law", ca.Function("loaded", arguments, [F_with_object]), law_alone)
 
 
-def _measured(model: RobotModel) -> ca.Function:
-    """Return the state that the law reads where it is moved by noise (2n,)."""
+def _noisy_state(model: RobotModel) -> ca.Function:
+    """Return the function of a state [Q; v] and noise (2n,) whose result is the state that the law reads."""
     n = model.n
     state, noise = (ca.SX.sym(name, size) for name, size in (("x", model.nq + n), ("noise", 2 * n)))
-    Q = _integrated(model.space, state[: model.nq], noise[:n])
+    Q = _displaced(model.space, state[: model.nq], noise[:n])
     return ca.Function("measured", [state, noise], [ca.vertcat(Q, state[model.nq :] + noise[n:])])
 
 
-def law_of(model: RobotModel, kind: TickKind) -> ca.Function:
-    """Return the low-level law Q, v, u, w -> F (n,) of a robot that holds nothing.
+def law_without_object(model: RobotModel, kind: TickKind) -> ca.Function:
+    """Return the low-level law of a robot that holds nothing: the function Q, v, u, inertial parameters -> F (n,).
 
-    Its last argument is the force on the base where thrusters push it, or else what of the base is driven if that
-    varies. In task space the rates of the frames' velocities take the place of u.
+    A further argument is the force on the base where thrusters push it, or else which coordinates of the base are
+    driven if that varies. In task space the rates of the frames' velocities take the place of u.
+
+    Args:
+        model: The robot.
+        kind: Which arguments the tick has.
     """
     if kind.in_task_space:
         return _pushed_task_law(model) if kind.is_pushed else model.task_space.law
     if kind.is_pushed:
         return model.pushed_law
-    if not kind.varies:
+    if not kind.driven_varies:
         return model.law()
-    every = (1.0,) * model.space.n_twist
-    return law_with_driven_coordinates(model.spec, model.law(every), ca.SX.sym("driven", model.space.n_twist))
+    all_driven = (1.0,) * model.space.n_twist
+    return law_with_driven_coordinates(model.spec, model.law(all_driven), ca.SX.sym("driven", model.space.n_twist))
 
 
 def _pushed_task_law(model: RobotModel) -> ca.Function:
-    """Return Q, v, rates, w, force on the base -> F (n,), of joints under which they accelerate as in task space."""
+    """Return the law in task space of a robot whose base thrusters push, which give it another force than it asks for.
+
+    The joints accelerate as they would under the force that the law asks for.
+
+    Returns:
+        Function Q, v, rates of the frames' velocities, inertial parameters, force on the base -> F (n,). The force on
+        the base in F is the one that the law asks for; the thrusters' own is given by the limits of the tick.
+    """
     task_space = model.task_space
     motion = task_space.law.sx_in()
     base_force = ca.SX.sym("base_force", model.space.n_twist)
@@ -271,9 +311,11 @@ def _pushed_task_law(model: RobotModel) -> ca.Function:
 
 
 def _force_on_base(model: RobotModel, wheels: Wheels, tick: float) -> ca.Function:
-    """Return Q, wrench of thrusters along the base's axes, momenta -> generalized force on the base (n_twist,).
+    """Return the function of the force on the base that joints have to allow for where thrusters push it.
 
-    It is what motors that unload wheels leave of the wrench; see `WheelDrive.against_unloading`.
+    Returns:
+        Function Q, wrench of the thrusters along the base's axes, momenta of wheels -> generalized force on the base
+        (n_twist,). It is the wrench less what balances motors that unload wheels, see `WheelDrive.without_unloading`.
     """
     space = model.space
     sizes = ("Q", model.nq), ("wrench", space.n_twist), ("momenta", wheels.count)
@@ -286,24 +328,28 @@ def _force_on_base(model: RobotModel, wheels: Wheels, tick: float) -> ca.Functio
     return ca.Function("force_on_base", [Q, wrench, momenta], [ca.cse(force[space.base])])
 
 
-def _thrust(model: RobotModel, limits: ca.MX) -> list[ca.MX]:
-    """Return the wrench of thrusters and its mean over the period, which the limits of a tick have."""
+def _thruster_wrenches(model: RobotModel, limits: ca.MX) -> list[ca.MX]:
+    """Return the wrench of thrusters (n_twist,) and its mean over the period of pulses, from the limits of a tick.
+
+    Where thrusters push the base, the lower limits begin with their wrench and the upper ones are followed by the mean.
+    """
     return [limits[: model.space.n_twist], limits[2 * model.n :]]
 
 
 def tick_function(model: RobotModel, kind: TickKind) -> ca.Function:
-    """Return the simulation of one tick as a CasADi function: the law (7) sets F once, then the motion is integrated.
+    """Return one tick of a robot without an object, as a CasADi function that plants compile.
 
-    It maps z, u to z_next, F, torques of wheels, with z = [Q; v; impulse (3,) or (6,); work; momenta of wheels]. Where
-    these hold of `kind`, there are other arguments and results:
+    A tick is one period of the low-level loop: the law (7) sets a force F once, then the motion is integrated. The
+    arguments are z and u, the results are z after the tick, F and the torques of wheels, with z = [Q; v; impulse;
+    work; momenta of wheels]. Where these hold of `kind`, there are further arguments and results:
 
     - in_task_space: the law is `F = J' F_m`, and u are the rates of the frames' velocities.
-    - varies: which coordinates of the base are driven (n_twist,) follows u.
+    - driven_varies: which coordinates of the base are driven (n_twist,) follows u.
     - disturbed: noise (2n,), external force (n,) and p: the inertial parameters of the robot and of the law, then the
       vector of a `JointFriction`.
     - limited: the vector of `ForceLimits` is the last argument; the force before it was cut is returned after F.
-    - is_pushed: thrusters push the base. The limits are those of `ForceLimits.holding_base`, followed by the mean
-      wrench of the period (n_twist,), which the torques of joints need; see `LowLevelLaw.force`.
+    - is_pushed: thrusters push the base. The limits are those of `ForceLimits.vectors_fixing_base_wrench`, followed by
+      the mean wrench over the period of pulses (n_twist,), see `LowLevelLaw.force`.
 
     The function is derived once for each model and kind.
     """
@@ -311,14 +357,17 @@ def tick_function(model: RobotModel, kind: TickKind) -> ca.Function:
 
 
 def _tick_function(model: RobotModel, kind: TickKind) -> ca.Function:
-    """Derive one tick of a robot without an object, see `tick_function`: law, limits, wheels, then integration.
+    """Derive one tick of a robot without an object: the law, what limits and wheels make of its force, integration.
 
     Args:
         model: The robot.
         kind: Which arguments the tick has.
+
+    Returns:
+        The function, whose arguments and results are those that `tick_function` says.
     """
     n = model.n
-    nx = model.nq + model.n
+    nx = model.nq + n
     law, flow = _law_and_flow(model, kind)
     wheels = Wheels.of(model.spec)
     sizes = (
@@ -332,10 +381,10 @@ def _tick_function(model: RobotModel, kind: TickKind) -> ca.Function:
     p = ca.MX.sym("p", flow.size1_in(2) if kind.disturbed else 0)
     wheel_momenta = z[z.numel() - wheels.count :]
     law_state = ca.vertcat(z[:nx], wheel_momenta) if wheels.count else z[:nx]
-    wrench_of_thrusters = _thrust(model, limits)[:1] if kind.is_pushed else []
+    wrench_of_thrusters = _thruster_wrenches(model, limits)[:1] if kind.is_pushed else []
     commanded = law(law_state, u, *([noise, p] if kind.disturbed else []), *wrench_of_thrusters)
-    driven = u[u.numel() - model.space.n_twist :] if kind.varies else ca.DM(model.driven())
-    commanded, F, external, torque = _with_wheels(model, wheels, kind)(
+    driven = u[u.numel() - model.space.n_twist :] if kind.driven_varies else ca.DM(model.driven())
+    commanded, F, external, torque = _limiter_with_wheels(model, wheels, kind)(
         z[: model.nq], commanded, limits[: 2 * n], wheel_momenta, driven
     )
     held_arguments = (
@@ -347,8 +396,8 @@ def _tick_function(model: RobotModel, kind: TickKind) -> ca.Function:
     return ca.Function("disturbed" if kind.disturbed else "tick", arguments, results)
 
 
-def _cut(model: RobotModel) -> ca.Function:
-    """Return the function Q, F, limits -> F that cuts a generalized force at the vector of `ForceLimits`."""
+def _force_limiter(model: RobotModel) -> ca.Function:
+    """Return the function Q, F, vector of `ForceLimits` -> F that cuts a generalized force at the limits."""
     n = model.n
     Q, F, limits = (ca.SX.sym(*size) for size in (("Q", model.nq), ("F", n), ("limits", 2 * n)))
     within = limited_force(
@@ -362,23 +411,24 @@ def _cut(model: RobotModel) -> ca.Function:
     return ca.Function("cut", [Q, F, limits], [ca.cse(ca.vertcat(*within))])
 
 
-def _with_wheels(model: RobotModel, wheels: Wheels, kind: TickKind) -> Callable[..., list[ca.MX]]:
-    """Build what limits and reaction wheels make of the force that the law commands, as a function of expressions.
+def _limiter_with_wheels(model: RobotModel, wheels: Wheels, kind: TickKind) -> Callable[..., list[ca.MX]]:
+    """Build the step from the force that the law commands to the one that acts: limits, then motors of wheels.
 
-    Motors of wheels either unload them, where thrusters push the base, or turn the base. See `WheelDrive`, which does
-    the same with numbers.
+    Where thrusters push the base, the motors unload the wheels (bring their momenta back to the first ones), and
+    thrusters balance that; where only the attitude is driven, they turn the base. `WheelDrive` does the same with
+    numbers.
 
     Args:
         model: The robot.
-        wheels: Its wheels; without any only the limits act.
+        wheels: The robot's wheels; without any only the limits act.
         kind: Which arguments the tick has.
 
     Returns:
-        Q, commanded force, limits, momenta of wheels, driven coordinates of the base -> the commanded force with what
-        balances the unloading of wheels; the force that acts; the part of it that is external, without the motors of
-        wheels; and their torques (W,).
+        Function on CasADi expressions: position Q, commanded force, limits, momenta of wheels, driven coordinates of
+        the base -> the commanded force with what balances the unloading of wheels (n,); the force that acts (n,); the
+        part of that which is external, without the motors of wheels (n,); and their torques (W,).
     """
-    cut = _cut(model) if kind.limited else None
+    cut = _force_limiter(model) if kind.limited else None
     if not wheels.count:
 
         def limited_alone(Q: ca.MX, commanded: ca.MX, limits: ca.MX, momenta: ca.MX, driven: ca.MX) -> list[ca.MX]:
@@ -397,7 +447,8 @@ def _with_wheels(model: RobotModel, wheels: Wheels, kind: TickKind) -> Callable[
         force[rotation] = ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
         return force
 
-    # thrusters push the base where its first coordinate is driven; wheels turn it where only its attitude is
+    # Thrusters push the base where its first coordinate is driven; wheels turn it where only its attitude is. Both are
+    # 1 or 0.
     is_pushed = driven[0]
     wheels_turn = (1 - driven[0]) * driven[-1]
     unloading = is_pushed * ca.vertcat(*wheels.unloading_torques(stored, kind.tick, clip_expressions))
@@ -405,42 +456,43 @@ def _with_wheels(model: RobotModel, wheels: Wheels, kind: TickKind) -> Callable[
     moment = ca.vertsplit(F[rotation])
     turning = wheels_turn * ca.vertcat(*wheels.turning_torques(moment, stored, kind.tick, clip_expressions))
     torque = unloading + turning
-    external = ca.SX(F)
-    external[rotation] *= 1 - wheels_turn
+    external = ca.SX(F)  # a copy: what follows changes it in place
+    external[rotation] *= 1 - wheels_turn  # a moment that wheels give is not external
     with_turning = ca.Function("turns", [F, h, driven], [external - force_of_moment(torque), external, torque])
 
     def limited_with_wheels(Q: ca.MX, commanded: ca.MX, limits: ca.MX, momenta: ca.MX, driven: ca.MX) -> list[ca.MX]:
         commanded = with_unloading(commanded, momenta, driven)
-        within = commanded if cut is None else cut(Q, commanded, limits)
-        return [commanded, *with_turning(within, momenta, driven)]
+        limited = commanded if cut is None else cut(Q, commanded, limits)
+        return [commanded, *with_turning(limited, momenta, driven)]
 
     return limited_with_wheels
 
 
-def _gyrostat(
+def _split_held_force(
     model: RobotModel, wheels: Wheels, F: ca.SX, momenta: ca.SX, inertial_parameters: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX | float, ca.SX]:
-    """Split what acts on a robot with wheels into what the dynamics of robot and of wheels need.
+    """Split a held force into what the dynamics of a robot and those of its reaction wheels need.
 
-    The motors' torques act on the base and, opposite, on the wheels, whose momentum is that of a gyrostat.
+    The motors' torques act on the wheels and, opposite, on the base. The wheels are not bodies of the robot model: it
+    is a gyrostat, a body that has angular momentum inside. So what they store goes with the inertial parameters.
 
     Args:
         model: The robot.
-        wheels: Its wheels.
+        wheels: The robot's wheels; there may be none.
         F: External generalized force, then the torques of the motors (n + W,).
-        momenta: Angular momenta that the wheels store (W,).
-        inertial_parameters: Those of the robot.
+        momenta: Angular momenta that the wheels store (W,) [N m s].
+        inertial_parameters: Inertial parameters of the robot.
 
     Returns:
-        The external force (n,), that with what the motors do to the base (n,), their torques (W,), the power of what
-        they do to the wheels, and the inertial parameters with what the wheels store.
+        The external force (n,); the same with what the motors do to the base (n,); the torques of the motors (W,); the
+        power of what they do to the wheels [W]; and the inertial parameters with what the wheels store.
     """
     if not wheels.count:
         return F, F, ca.SX(0, 1), 0.0, inertial_parameters
     external, torque = ca.vertsplit(F, [0, model.n, model.n + wheels.count])
     net_force = ca.SX(external)
     net_force[model.space.rotation] -= ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
-    power = ca.dot(torque, momenta / ca.DM(wheels.inertia))
+    power = ca.dot(torque, momenta / ca.DM(wheels.inertia))  # torque times absolute speed of the wheel
     return (
         external,
         net_force,
@@ -451,26 +503,28 @@ def _gyrostat(
 
 
 def _law_and_flow(model: RobotModel, kind: TickKind) -> tuple[ca.Function, ca.Function]:
-    """Derive the two functions that a tick of a robot consists of: its law, and its motion under a held force.
+    """Derive the two functions that a tick of a robot consists of: the low-level law, and motion under a held force.
 
     Args:
         model: The robot.
-        kind: Which arguments the tick has. Of an undisturbed one noise and p are constant, and no arguments.
+        kind: Which arguments the tick has. Of an undisturbed tick noise and p are constants, not arguments.
 
     Returns:
         The law: [Q; v; momenta of wheels], u, noise, p -> F; where thrusters push the base, their wrench along its axes
-        is the last argument. And the motion: z, [F; torques of wheels], p -> dz/dt, with the external force in F. p are
-        the true inertial parameters, those that the law takes for them, then the vector of a `JointFriction`.
+        is the last argument. And the motion: z, [external force; torques of wheels], p -> dz/dt, with z = [Q; v;
+        impulse; work; momenta of wheels]. p are the true inertial parameters, those that the law takes for them, then
+        the vector of a `JointFriction`.
     """
     n = model.n
     w = model.nominal.vector
+    # the law knows the robot exactly, and there is no friction
     nominal = np.concatenate([w, w, JointFriction.none(n).vector])
     p = ca.SX.sym("p", nominal.size) if kind.disturbed else ca.SX(nominal)
     true_robot, robot_of_law, friction = ca.vertsplit(p, np.cumsum([0, w.size, w.size, 2 * n + 1]).tolist())
     arguments, F = _law_at_state(model, kind, robot_of_law)
-    z, held, rate = _motion(model, true_robot, friction)
+    z, held, rate = _motion_under_held_force(model, true_robot, friction)
     if not kind.disturbed:
-        state, u, _, *wrench = arguments
+        state, u, _, *wrench = arguments  # the law does not depend on noise here
         law = ca.Function("law", [state, u, *wrench], ca.cse([F]))
         return law, ca.Function("flow", [z, held], ca.cse([rate]))
     state, u, noise, *wrench = arguments
@@ -478,7 +532,7 @@ def _law_and_flow(model: RobotModel, kind: TickKind) -> tuple[ca.Function, ca.Fu
 
 
 def _law_at_state(model: RobotModel, kind: TickKind, robot: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-    """Derive the force of the low-level law at a state that it reads with noise.
+    """Derive the force of the low-level law at a state that it reads with noise, if the tick is a disturbed one.
 
     Args:
         model: The robot.
@@ -486,13 +540,14 @@ def _law_at_state(model: RobotModel, kind: TickKind, robot: ca.SX) -> tuple[list
         robot: Inertial parameters that the law takes for the robot's.
 
     Returns:
-        Its arguments: [Q; v; momenta of wheels], u, noise and, where thrusters push the base, their wrench. And F.
+        The symbols on which the force depends: [Q; v; momenta of wheels], u, noise and, where thrusters push the base,
+        their wrench along its axes. Then the force F (n,) as an expression in them.
     """
     n = model.n
     nq = model.nq
-    law = law_of(model, kind)
+    law = law_without_object(model, kind)
     wheels = Wheels.of(model.spec)
-    driven_size = model.space.n_twist * kind.varies
+    driven_size = model.space.n_twist * kind.driven_varies
     state = ca.SX.sym("x", nq + n + wheels.count)
     u = ca.SX.sym("u", law.size1_in(2) + driven_size)
     noise = ca.SX.sym("noise", 2 * n)
@@ -501,22 +556,23 @@ def _law_at_state(model: RobotModel, kind: TickKind, robot: ca.SX) -> tuple[list
     Q = state[:nq]
     v = state[nq : nq + n]
     if kind.disturbed:
-        Q = _integrated(model.space, Q, noise[:n])
+        Q = _displaced(model.space, Q, noise[:n])
         v = v + noise[n:]
-    setpoint = u[: u.numel() - driven_size]
+    setpoint = u[: u.numel() - driven_size]  # the driven coordinates of the base follow it in u
     if kind.is_pushed:  # joints follow their setpoints under the force that thrusters give
         wrench = ca.SX.sym("wrench", model.space.n_twist)
         base_force = _force_on_base(model, wheels, kind.tick)(Q, wrench, state[nq + n :])
         return [state, u, noise, wrench], law(Q, v, setpoint, robot, base_force)
-    driven = [u[u.numel() - driven_size :]] if kind.varies else []
+    driven = [u[u.numel() - driven_size :]] if kind.driven_varies else []
     return [state, u, noise], law(Q, v, setpoint, robot, *driven)
 
 
-def _motion(model: RobotModel, robot: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _motion_under_held_force(model: RobotModel, robot: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Derive the rate of the integrated state of a robot under a force that is held over a tick.
 
-    Friction acts between the links: it does work, but has no impulse on the whole. The rate becomes a function that
-    each stage of an integration step calls, not an expression written out: as C it compiles in a third of the time.
+    Friction acts between the links: it does work, but has no impulse on the robot as a whole. The caller makes the rate
+    a function that each stage of an integration step calls; written out in all of them it takes three times as long to
+    compile.
 
     Args:
         model: The robot.
@@ -524,43 +580,52 @@ def _motion(model: RobotModel, robot: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca
         friction: Vector of a `JointFriction`: viscous (n,), Coulomb (n,), width (1,).
 
     Returns:
-        z = [Q; v; impulse; work; momenta of wheels]; the held external force, then torques of wheels; dz/dt.
+        The symbols z = [Q; v; impulse; work; momenta of wheels] and [external force; torques of wheels], and the
+        expression dz/dt.
     """
     n = model.n
     nq = model.nq
     wheels = Wheels.of(model.spec)
-    momentum_size = model.parts["base"].stop
+    momentum_size = model.space.n_twist
     z = ca.SX.sym("z", nq + n + momentum_size + 1 + wheels.count)
     held = ca.SX.sym("F", n + wheels.count)
     viscous, coulomb, width = ca.vertsplit(friction, [0, n, 2 * n, 2 * n + 1])
     Q = z[:nq]
     v = z[nq : nq + n]
     momenta = z[nq + n + momentum_size + 1 :]
-    F_external, net_force, torque, power_of_wheels, robot = _gyrostat(model, wheels, held, momenta, robot)
+    F_external, net_force, torque, power_of_wheels, robot = _split_held_force(model, wheels, held, momenta, robot)
     acting = net_force - viscous * v - coulomb * ca.tanh(v / width)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     vdot = model.dynamics.forward(Q, v, acting, robot)
-    # on a base that does not move, the external force is that of its mount
+    # On a base that does not move, the external force is that of its mount, which inverse dynamics gives.
     external = F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot)
     impulse_rate = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
     power = ca.dot(acting, v) + power_of_wheels
     return z, held, ca.vertcat(*Qdot, vdot, *impulse_rate, power, torque)
 
 
-def _integrated(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:
+def _displaced(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:
+    """Return coordinates Q (nq,) after a displacement (n,), by which attitudes rotate."""
     return ca.SX(ca.vertcat(*space.integrate(ca.vertsplit(Q), ca.vertsplit(step))))
 
 
 def _runge_kutta(flow: ca.Function, z: ca.MX, held: list[ca.MX], kind: TickKind, attitudes: list[slice]) -> ca.MX:
-    """Return z after a tick of classical Runge-Kutta steps, the other arguments of the flow held.
+    """Integrate over a tick by classical Runge-Kutta steps.
 
-    After each of them the quaternions, given by their rows, are made unit ones, from which they differ by the step's
-    error.
+    Args:
+        flow: The function z, further arguments -> dz/dt.
+        z: Integrated state where the tick begins.
+        held: The further arguments, constant over the tick.
+        kind: Length of the tick and number of steps in it.
+        attitudes: Rows of quaternions in z. A step leaves their norms only about 1, so they are normalized.
+
+    Returns:
+        z at the end of the tick.
     """
     h = kind.tick / kind.substeps
     for _ in range(kind.substeps):
         z = runge_kutta(lambda z: flow(z, *held), z, h)
         for rows in attitudes:
-            q = z[rows]
-            z = ca.vertcat(z[: rows.start], q / ca.norm_2(q), z[rows.stop :])
+            quaternion = z[rows]
+            z = ca.vertcat(z[: rows.start], quaternion / ca.norm_2(quaternion), z[rows.stop :])
     return z

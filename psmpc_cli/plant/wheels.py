@@ -42,33 +42,45 @@ class WheelDrive:
 
     @property
     def stored(self) -> np.ndarray:
-        """What they store together, along the base's axes (k,) [N m s]."""
+        """What the wheels store together, along the base's axes (k,) [N m s]."""
         return np.array(self.wheels.along_base(self.momentum.tolist()))
 
-    def commanded(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
-        """Return the force of the low-level law (n,) with what balances motors that unload wheels, by `Wheels`."""
+    def with_unloading(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
+        """Return the force of the low-level law (n,) with what balances motors that unload wheels in this tick.
+
+        Unloading means that motors bring the wheels back to their first momenta while thrusters push the base.
+
+        Args:
+            F: The force [N, N m].
+            driven: 1 for each coordinate of the base on which something acts, else 0 (n_twist,).
+        """
         F, self._unloading = self.wheels.with_unloading(F, self.momentum, driven, self._tick)
         return F
 
-    def against_unloading(self, F: np.ndarray) -> np.ndarray:
-        """Return what of a generalized force (n,) is left on the base where motors unload the wheels in this tick."""
+    def without_unloading(self, F: np.ndarray) -> np.ndarray:
+        """Return a generalized force (n,) less the part that balances motors which unload wheels in this tick."""
         return self.wheels.with_moment(F, -self._unloading)
 
     def begin_tick(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
-        """Return what of that force, within its limits (n,), acts over a tick that begins; `Wheels.with_turning`."""
+        """Set the torques of the motors for a tick, and return the force that acts over it; see `Wheels.with_turning`.
+
+        Args:
+            F: Generalized force as `with_unloading` returns it, cut at its limits (n,) [N, N m].
+            driven: 1 for each coordinate of the base on which something acts, else 0 (n_twist,).
+        """
         F, self.torque = self.wheels.with_turning(F, self.momentum, driven, self._tick, self._unloading)
         return F
 
-    def of_thrusters(self, F: np.ndarray) -> np.ndarray:
-        """Return a generalized force that acts in this tick (n,) without what the motors of the wheels give."""
+    def without_motors(self, F: np.ndarray) -> np.ndarray:
+        """Return a generalized force that acts in this tick (n,), less what motors of wheels give to the base."""
         return self.wheels.with_moment(F, self.torque)
 
     def end_tick(self) -> None:
-        """Take in that the tick has passed."""
-        self.record(self.momentum + self._tick * self.torque, self.torque)
+        """Record the tick that has passed: each wheel has stored what its motor gave."""
+        self.record_tick(self.momentum + self._tick * self.torque, self.torque)
 
-    def record(self, momentum: np.ndarray, torque: np.ndarray) -> None:
-        """Take in what the wheels store after a tick (W,), and the torques over it (W,)."""
+    def record_tick(self, momentum: np.ndarray, torque: np.ndarray) -> None:
+        """Record a tick: what the wheels store after it (W,) [N m s], and the torques over it (W,) [N m]."""
         self.momentum = momentum
         self._momenta.append(momentum)
         self._torques.append(torque)

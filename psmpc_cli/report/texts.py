@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Flag
 from typing import Any
 
-from psmpc_cli.logs.numbers import EMPTY, TIME, number, with_unit
+from psmpc_cli.logs.numbers import EMPTY, TIME, format_number, with_unit
 from psmpc_cli.logs.schema import EFFORT_UNITS, PEAKS, SLIDING_PEAKS
 from psmpc_cli.logs.summary import FAR_BEYOND, WARNED_OF, CaptureSummary, Largest, SolveSummary, Summary
 from psmpc_cli.logs.verdicts import NearestParts, Verdict
@@ -28,7 +28,7 @@ def _load(run: Summary) -> float | str:
     if run.load is None:
         return math.nan
     mass, deviation = run.load
-    return f"{number(mass, 0.01)} ± {number(deviation, 0.01)}"
+    return f"{format_number(mass, 0.01)} ± {format_number(deviation, 0.01)}"
 
 
 def _delay(run: Summary) -> float | str:
@@ -36,13 +36,13 @@ def _delay(run: Summary) -> float | str:
     if run.delay is None or run.delay[0] == 0.0:
         return math.nan
     delay, deviation = (1000 * seconds for seconds in run.delay)
-    return f"{number(delay, 1.0)} ± {number(deviation, 0.1)}" if deviation else number(delay, 1.0)
+    return f"{format_number(delay, 1.0)} ± {format_number(deviation, 0.1)}" if deviation else format_number(delay, 1.0)
 
 
 def _solves(solves: SolveSummary) -> str:
     """Write median, 95th and 99th percentile and maximum of the wall times [ms]."""
     times = (solves.median, solves.p95, solves.p99, solves.largest)
-    return " / ".join(number(1e3 * time) for time in times) if solves.count else ""
+    return " / ".join(format_number(1e3 * time) for time in times) if solves.count else ""
 
 
 def _largest(*found: Largest | None) -> str:
@@ -52,7 +52,7 @@ def _largest(*found: Largest | None) -> str:
 
 def _one_of_largest(found: Largest) -> str:
     """Write a largest value with its unit, where and when."""
-    return f"{found.where}: {with_unit(number(found.value), found.unit)} at {number(found.time, 0.1)} s"
+    return f"{found.where}: {with_unit(format_number(found.value), found.unit)} at {format_number(found.time, 0.1)} s"
 
 
 def _violations(*found: Largest) -> str:
@@ -67,7 +67,7 @@ def _cause(violation: Largest) -> str:
         return "as planned"
     if share < 1 - OF_PLAN:
         return "off the plan"
-    return f"{number(violation.planned)} {violation.unit} of it planned"
+    return f"{format_number(violation.planned)} {violation.unit} of it planned"
 
 
 def _limit_violations(summary: Summary) -> list[str]:
@@ -99,14 +99,17 @@ def _of_object(summary: Summary, text: Callable[[CaptureSummary], str]) -> str:
 def _closing_speeds(outcome: CaptureSummary) -> str:
     """Write how fast grippers moved against their grasps when they were to close."""
     _, _, v, omega = outcome.missed_by
-    return f"{number(1e3 * v)} mm/s, {number(math.degrees(omega))} deg/s"
+    return f"{format_number(1e3 * v)} mm/s, {format_number(math.degrees(omega))} deg/s"
 
 
 def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
     limits = (limit for limit in summary.limits if limit.kind == kind)
     return next(
-        (f"{number(100 * each.relative)} % ({number(each.margin)} {each.unit}) {each.coordinate}" for each in limits),
+        (
+            f"{format_number(100 * each.relative)} % ({format_number(each.margin)} {each.unit}) {each.coordinate}"
+            for each in limits
+        ),
         "",
     )
 
@@ -116,13 +119,13 @@ def _closing_error(outcome: CaptureSummary) -> str:
     r, phi, *_ = outcome.missed_by
     if math.isnan(r):
         return ""
-    apart = f"{number(1e3 * r)} mm, {number(math.degrees(phi))} deg, {_closing_speeds(outcome)}"
+    apart = f"{format_number(1e3 * r)} mm, {format_number(math.degrees(phi))} deg, {_closing_speeds(outcome)}"
     return apart if math.isfinite(outcome.closed_at) else f"{apart}: outside their envelope"
 
 
 def _loads(outcome: CaptureSummary) -> str:
     """Write the largest loads on a grasp."""
-    return ", ".join(f"{load} {number(outcome.loads[load])} {unit}" for load, unit in GRASP_LOADS.items())
+    return ", ".join(f"{load} {format_number(outcome.loads[load])} {unit}" for load, unit in GRASP_LOADS.items())
 
 
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
@@ -144,19 +147,23 @@ def _peaks(summary: Summary, *names: str) -> str:
     values = [summary.peaks[name] for name in names]
     if not (all(map(math.isfinite, values)) and any(values)):
         return ""
-    return " / ".join(f"{number(summary.peaks[name])} {(PEAKS | SLIDING_PEAKS)[name][0]}" for name in names)
+    return " / ".join(f"{format_number(summary.peaks[name])} {(PEAKS | SLIDING_PEAKS)[name][0]}" for name in names)
 
 
 def describe_tightest_force(summary: Summary) -> str:
     """Write which commanded force came nearest to its limit, or farthest beyond it, in percent of it, and when."""
     force = summary.tightest_force
-    return "" if force is None else f"{force.where}: {number(100 * force.value, 0.1)} % at {number(force.time, 0.1)} s"
+    return (
+        ""
+        if force is None
+        else f"{force.where}: {format_number(100 * force.value, 0.1)} % at {format_number(force.time, 0.1)} s"
+    )
 
 
 def _condition(summary: Summary) -> str:
     """Write the largest condition number of J_C under the law in task space, and when."""
     largest = summary.largest_condition
-    return "" if largest is None else f"{number(largest.value)} at {number(largest.time, 0.1)} s"
+    return "" if largest is None else f"{format_number(largest.value)} at {format_number(largest.time, 0.1)} s"
 
 
 def _thrusters(summary: Summary) -> str:
@@ -164,8 +171,8 @@ def _thrusters(summary: Summary) -> str:
     fired = summary.thrusters
     if fired is None:
         return ""
-    propellant = "" if math.isnan(fired.propellant) else f", {number(1e3 * fired.propellant)} g of propellant"
-    return f"{number(fired.impulse)} N s in {counted(fired.firings, 'firing', 'firings')}{propellant}"
+    propellant = "" if math.isnan(fired.propellant) else f", {format_number(1e3 * fired.propellant)} g of propellant"
+    return f"{format_number(fired.impulse)} N s in {counted(fired.firings, 'firing', 'firings')}{propellant}"
 
 
 def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
@@ -173,22 +180,22 @@ def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
     if summary.thrusters is None:
         return ""
     force, torque = getattr(summary.thrusters, kind)
-    return f"{number(force)} N s, {number(torque)} N m s"
+    return f"{format_number(force)} N s, {format_number(torque)} N m s"
 
 
 def _shut(summary: Summary) -> str:
     """Write which thrusters were shut because of their plumes, and for how long."""
     if summary.thrusters is None or summary.thrusters.shut is None:
         return ""
-    of_each = (f"{name} for {number(seconds, 0.1)} s" for name, seconds in summary.thrusters.shut.items())
+    of_each = (f"{name} for {format_number(seconds, 0.1)} s" for name, seconds in summary.thrusters.shut.items())
     return ", ".join(of_each) or "none"
 
 
 def _floating(summary: Summary) -> str:
     """Write by how much momentum and base changed in the stages in which nothing pushed the base."""
     return "; ".join(
-        f"{stage.name}: {number(stage.linear, 1e-4)} N s, {number(stage.angular, 1e-4)} N m s, "
-        f"base by {number(1e3 * stage.distance, 0.1)} mm, {number(math.degrees(stage.angle), 0.1)} deg"
+        f"{stage.name}: {format_number(stage.linear, 1e-4)} N s, {format_number(stage.angular, 1e-4)} N m s, "
+        f"base by {format_number(1e3 * stage.distance, 0.1)} mm, {format_number(math.degrees(stage.angle), 0.1)} deg"
         for stage in summary.floating
     )
 
@@ -198,7 +205,7 @@ def _of_wheels(largest: Largest | None) -> str:
     return (
         ""
         if largest is None
-        else f"{largest.where}: {number(100 * largest.value, 0.1)} % at {number(largest.time, 0.1)} s"
+        else f"{largest.where}: {format_number(100 * largest.value, 0.1)} % at {format_number(largest.time, 0.1)} s"
     )
 
 
@@ -206,15 +213,15 @@ def _returns(returned_at: Sequence[float]) -> str:
     """Write how often and when the sequence returned to an earlier stage to try again."""
     if not returned_at:
         return ""
-    times = ", ".join(f"{number(time, 0.1)} s" for time in returned_at)
+    times = ", ".join(f"{format_number(time, 0.1)} s" for time in returned_at)
     return f"{counted(len(returned_at), 'time', 'times')}: at {times}"
 
 
 def _nearest(parts: NearestParts) -> str:
     """Write how near two parts came to each other, when, and how far that is from what the task keeps."""
     return (
-        f"{parts.pair}: {number(1e3 * parts.distance, 0.1)} mm at {number(parts.time, 0.1)} s, "
-        f"margin {number(1e3 * parts.margin, 0.1)} mm"
+        f"{parts.pair}: {format_number(1e3 * parts.distance, 0.1)} mm at {format_number(parts.time, 0.1)} s, "
+        f"margin {format_number(1e3 * parts.margin, 0.1)} mm"
     )
 
 
@@ -236,10 +243,10 @@ def _departure(outcome: CaptureSummary) -> str:
     if not (has_left or has_distance):
         return ""
     how = f"LOST by {', '.join(outcome.lost)}" if outcome.lost else "let go"
-    how = f"{how} at {number(outcome.left_at, TIME)} s" if has_left else "still held"
-    distance = f"{number(1e3 * outcome.distance)} mm and {number(math.degrees(outcome.angle))} deg"
+    how = f"{how} at {format_number(outcome.left_at, TIME)} s" if has_left else "still held"
+    distance = f"{format_number(1e3 * outcome.distance)} mm and {format_number(math.degrees(outcome.angle))} deg"
     where = f"{distance} from its destination, " if has_distance else ""
-    return f"{how}, {where}at {number(1e3 * outcome.speed)} mm/s"
+    return f"{how}, {where}at {format_number(1e3 * outcome.speed)} mm/s"
 
 
 def _end_errors(summary: Summary) -> str:
@@ -247,7 +254,7 @@ def _end_errors(summary: Summary) -> str:
     if summary.end_errors is None:
         return ""
     seen, true = summary.end_errors
-    return f"{number(seen)} as the controller saw it, {number(true)} true"
+    return f"{format_number(seen)} as the controller saw it, {format_number(true)} true"
 
 
 class Shown(Flag):
@@ -292,7 +299,7 @@ class Measure:
     def text(self, summary: Summary) -> str:
         """Write what was measured of a run, with its unit."""
         value = self.of(summary)
-        return with_unit(value if isinstance(value, str) else number(value, self.resolution), self.unit)
+        return with_unit(value if isinstance(value, str) else format_number(value, self.resolution), self.unit)
 
 
 FORCES_FAR_BEYOND = f"forces beyond {100 * FAR_BEYOND:g} % of a limit"
@@ -392,11 +399,11 @@ def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
             stage.name,
             f"{stage.tries} of {1 + len(summary.returned_at)}" if tried_again else "",
             f"{stage.priority:g}",
-            number(stage.actual_start, TIME) + (" (early)" if stage.early else ""),
-            number(stage.published_start, 0.1),
-            number(stage.switch_time, TIME),
-            number(stage.published_switch, 0.1),
-            number(distance, 0.001),
+            format_number(stage.actual_start, TIME) + (" (early)" if stage.early else ""),
+            format_number(stage.published_start, 0.1),
+            format_number(stage.switch_time, TIME),
+            format_number(stage.published_switch, 0.1),
+            format_number(distance, 0.001),
         )
         for stage, distance in zip(summary.stages, summary.distances, strict=True)
     ]
@@ -421,7 +428,7 @@ def brief_measures(summary: Summary) -> Iterator[str]:
 
 def describe_mission(summary: Summary) -> str:
     """Write whether the mission succeeded and when, or what touched, why the run ended, and which monitors broke."""
-    duration = f"{number(summary.duration, 0.1)} s"
+    duration = f"{format_number(summary.duration, 0.1)} s"
     if summary.ended and summary.succeeded:
         return f"Mission succeeded in {duration}"
     broken = {each.name: each.instead for each in summary.monitors if each.is_judged and not each.held}
@@ -452,17 +459,17 @@ def warnings_of(summary: Summary) -> Iterator[str]:
     if summary.delay_is_cut_off:
         yield "commands come later than the controller can estimate: give the delay, controller.delay"
     if summary.unknown_delay:
-        late = number(1e3 * summary.unknown_delay)
+        late = format_number(1e3 * summary.unknown_delay)
         yield (
             f"commands came {late} ms late and the controller took them for on time, as pulses of thrusters cannot be "
             "told from a delay: give it, controller.delay"
         )
     if summary.far_beyond > 0:
-        share = with_unit(number(100 * summary.far_beyond, 0.1), "% of the time")
+        share = with_unit(format_number(100 * summary.far_beyond, 0.1), "% of the time")
         yield f"{FORCES_FAR_BEYOND} were commanded, {share}"
     if summary.missed:
         yield f"{summary.missed} of {summary.solves.count} solves came late: they took longer than a sample of " + (
-            f"{number(1e3 * summary.sample_time)} ms"
+            f"{format_number(1e3 * summary.sample_time)} ms"
         )
     if summary.unmeasured:
         yield f"{summary.unmeasured} of {summary.solves.count} samples came without a measurement"
@@ -484,22 +491,24 @@ def warnings_of(summary: Summary) -> Iterator[str]:
 def _brief_stages(summary: Summary) -> str:
     """Name the stages that lasted less than a sample, which tables round to nothing; empty if there is none."""
     brief = [stage for stage in summary.stages if stage.duration < summary.sample_time - ROUNDING]
-    lasted = ", ".join(f"stage {stage.name} lasted {number(1e3 * stage.duration)} ms" for stage in brief)
-    return f"{lasted}, less than a sample of {number(1e3 * summary.sample_time)} ms" if brief else ""
+    lasted = ", ".join(f"stage {stage.name} lasted {format_number(1e3 * stage.duration)} ms" for stage in brief)
+    return f"{lasted}, less than a sample of {format_number(1e3 * summary.sample_time)} ms" if brief else ""
 
 
 def describe_forces(summary: Summary) -> str:
     """Write how near forces come to their limits, or what a run without limits asks for; empty if it is not known."""
     if force := describe_tightest_force(summary):
-        cut = number(100 * summary.saturated, 0.1)
-        far = number(100 * summary.far_beyond, 0.1)
+        cut = format_number(100 * summary.saturated, 0.1)
+        far = format_number(100 * summary.far_beyond, 0.1)
         beyond = f"beyond {100 * FAR_BEYOND:g} % of a limit {far} % of the time"
         return f"largest commanded force, of its limit: {force}; forces cut {cut} % of the time, {beyond}"
     peaks = {name: peak for name, peak in summary.peaks.items() if math.isfinite(peak) and peak > 0}
     if summary.limits_dynamics or not peaks:
         return ""
     units = {name: unit for name, (unit, _) in (PEAKS | SLIDING_PEAKS).items()}
-    asked_for = ", ".join(f"{name.replace('_', ' ')} {number(peak)} {units[name]}" for name, peak in peaks.items())
+    asked_for = ", ".join(
+        f"{name.replace('_', ' ')} {format_number(peak)} {units[name]}" for name, peak in peaks.items()
+    )
     return f"no limit of forces or accelerations is declared; the largest are: {asked_for}"
 
 
@@ -509,9 +518,13 @@ def describe_verdict(verdict: Verdict) -> str:
         return "not judged"
     outcome = "held"
     if not verdict.held:
-        outcome = f"BROKEN: {verdict.instead}" if verdict.instead else f"BROKEN at {number(verdict.broken_at, 0.1)} s"
+        outcome = (
+            f"BROKEN: {verdict.instead}" if verdict.instead else f"BROKEN at {format_number(verdict.broken_at, 0.1)} s"
+        )
     margin = (
-        f", margin {with_unit(number(verdict.margin, 0.001), verdict.unit)}" if math.isfinite(verdict.margin) else ""
+        f", margin {with_unit(format_number(verdict.margin, 0.001), verdict.unit)}"
+        if math.isfinite(verdict.margin)
+        else ""
     )
     details = f" ({verdict.details})" if verdict.details else ""
     return f"{outcome}{margin}{details}"

@@ -66,7 +66,7 @@ class Chart(ABC):
     def from_chart(self, X: Array) -> tuple[Array, Array]:
         """Return coordinates Q (K, nq) and velocities v (K, n) at states X (K, 2n) in the chart."""
 
-    def entered(self, X: Array) -> Array:
+    def states_in_chart(self, X: Array) -> Array:
         """Return the states in the chart (K, 2n) at states [Q; v] (K, nq + n)."""
         n = X.shape[1] // 2
         return self.to_chart(X[:, : X.shape[1] - n], X[:, X.shape[1] - n :])

@@ -23,14 +23,16 @@ from psmpc_cli.specs.geometry import pair_name
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPairs:
-    """A group of pairs as it is measured.
+    """A group of pairs as it is measured: the pairs that have the same obstacle or object, or none.
+
+    A row is one of its distances. A pair of parts may have several rows, one for each pair of primitive shapes.
 
     Attributes:
         group: The group.
         pairs: Its pairs, with the object at its pose in the inertial frame, held or not.
-        columns: Which pair of the task each of its pairs is.
-        pair_of_row: Which of its pairs each of its distances is of.
-        distances: x, [anchor; 0; poses] -> the distances.
+        columns: Index of each of its pairs among all pairs of the task.
+        pair_of_row: Index within the group of the pair that each row is of.
+        distances: x, [anchor; 0; poses] -> the distances, one a row.
         points: The same -> the nearest points of each pair of solids.
     """
 
@@ -59,8 +61,8 @@ class ClearanceMeter:
         )
         self.pairs = list(names)
         self.margins = np.full((len(groups), len(names)), np.nan)
-        self._by_stage = [[self._measured(group) for group in of_stage.values()] for of_stage in groups]
-        for stage, measured in enumerate(self._by_stage):
+        self._groups_of_stage = [[self._measured(group) for group in of_stage.values()] for of_stage in groups]
+        for stage, measured in enumerate(self._groups_of_stage):
             spec = task.clearance_of(stage)
             for measured_group in measured:
                 self.margins[stage, measured_group.columns] = 0.0 if spec is None else spec.margin
@@ -78,7 +80,11 @@ class ClearanceMeter:
         )
 
     def measure(self, stage: int, chart: Chart, ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
-        """Measure how near the parts of each pair come to each other over the ticks of a sample.
+        """Measure how near the parts of each pair come to each other over the ticks of a sample, for the log.
+
+        Pairs are measured in groups. A group is the pairs that have the same obstacle or object, or none: they share
+        one function for their distances. A row is one of these distances; a pair of parts that are made of several
+        primitive shapes has several rows.
 
         Args:
             stage: Index of the stage, whose groups of pairs are measured.
@@ -91,30 +97,39 @@ class ClearanceMeter:
         """
         smallest = np.full(len(self.pairs), np.inf)
         points = np.full((len(self.pairs), 2, 3), np.nan)
-        X = chart.entered(ticks.states)
-        for group in self._by_stage[stage]:
-            arguments = self._argument(group, chart, ticks)
-            if arguments is None:
+        X = chart.states_in_chart(ticks.states)
+        for group in self._groups_of_stage[stage]:
+            arguments = self._function_arguments(group, chart, ticks)
+            if arguments is None:  # the object or obstacle is not there
                 continue
-            distances = group.distances(X, arguments, rows=len(X))[0]
-            row_closest_tick = distances.argmin(axis=0)
-            row_smallest = distances.min(axis=0)
-            # points are computed at the few ticks at which some row is smallest, mostly the first and the last
-            closest_ticks, tick_of_row = np.unique(row_closest_tick, return_inverse=True)
-            points_of_row = group.points(X[closest_ticks], arguments[closest_ticks], rows=len(closest_ticks))[
-                0
-            ].reshape(len(closest_ticks), -1, 2, 3)[tick_of_row]
-            # a pair may have several rows, one for each pair of solids: the smallest is entered last
-            for row in np.argsort(-row_smallest):
+            distances = group.distances(X, arguments, rows=len(X))[0]  # (M + 1, rows)
+            closest_tick_of_row = distances.argmin(axis=0)
+            smallest_of_row = distances.min(axis=0)
+            # points are computed only at the ticks at which some row is smallest, mostly the first and the last
+            computed_ticks, position_of_row = np.unique(closest_tick_of_row, return_inverse=True)
+            points_at_ticks = group.points(X[computed_ticks], arguments[computed_ticks], rows=len(computed_ticks))[0]
+            points_of_row = points_at_ticks.reshape(len(computed_ticks), -1, 2, 3)[position_of_row]
+            # rows in descending order of distance, so that the smallest row of a pair is entered last and stays
+            for row in np.argsort(-smallest_of_row):
                 column = group.columns[group.pair_of_row[row]]
-                if row_smallest[row] <= smallest[column]:
-                    smallest[column] = row_smallest[row]
+                if smallest_of_row[row] <= smallest[column]:
+                    smallest[column] = smallest_of_row[row]
                     points[column] = points_of_row[row, group.pair_of_row[row]]
         smallest[np.isinf(smallest)] = np.nan
         return smallest, points
 
-    def _argument(self, measured: MeasuredPairs, chart: Chart, ticks: Ticks) -> np.ndarray | None:
-        """Return what the functions of a group take at the ticks of a sample (M + 1, numbers); None without object."""
+    def _function_arguments(self, measured: MeasuredPairs, chart: Chart, ticks: Ticks) -> np.ndarray | None:
+        """Return what the functions of a group take besides the state, [anchor; 0; poses], at the ticks of a sample.
+
+        Args:
+            measured: The group.
+            chart: Local coordinates of configurations, whose anchor the functions take.
+            ticks: What the plant did over the sample (M ticks).
+
+        Returns:
+            A row for each tick and for the end (M + 1, numbers); None where the group's object or obstacle is not
+            there.
+        """
         count = len(ticks.time)
         parts = [np.tile(chart.anchor, (count, 1)), np.zeros((count, 1))]
         if measured.pairs.has("object"):

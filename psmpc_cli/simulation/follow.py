@@ -27,15 +27,16 @@ class FollowedTask:
 
         Args:
             task: The task as it was loaded for the run.
-            path: The file that it was loaded from, which is looked at before every sample.
-            changes: Keys that were overridden as it was loaded (`--set`), and are again at every reading.
-            report: Takes a message when a change of the file does not count, by default as a warning of the log.
+            path: The file that the task was loaded from. It is looked at before every sample.
+            changes: Keys that were overridden when the task was loaded (`--set`), and are again at every reading.
+            report: Called with a message when the file has changed in a way that is rejected; by default the message
+                is logged as a warning.
         """
         self._task = task
         self._path = path
         self._changes = changes
         self._report = report
-        self._modified_at = self._modification()
+        self._modified_at = self._modification_time()
 
     def __call__(self, time: float) -> Mapping[str, Any]:
         """Read the task file again if it was modified, and return the targets in it that are new.
@@ -49,7 +50,7 @@ class FollowedTask:
         Returns:
             The new targets as they are written in the file, by the names of their stages; empty where nothing changed.
         """
-        modified_at = self._modification()
+        modified_at = self._modification_time()
         is_missing = modified_at == 0  # editors remove a file for a moment while they replace it
         if modified_at == self._modified_at or is_missing:
             return {}
@@ -60,7 +61,7 @@ class FollowedTask:
         except PsmpcError as error:
             self._report(f"{rejection}:\n{error}")
             return {}
-        changed_keys = other_keys(self._task, task)
+        changed_keys = changed_keys_besides_targets(self._task, task)
         if changed_keys:
             self._report(f"{rejection}: found other values of {', '.join(changed_keys)}, expected other targets alone")
             return {}
@@ -71,7 +72,7 @@ class FollowedTask:
             task.spec.stages[index].name: task.source.value(("stages", index, "target")) for index in with_new_target
         }
 
-    def _modification(self) -> int:
+    def _modification_time(self) -> int:
         """Return when the file was changed last [ns]; 0 where it is not there."""
         try:
             return self._path.stat().st_mtime_ns
@@ -79,8 +80,11 @@ class FollowedTask:
             return 0
 
 
-def other_keys(before: Task, after: Task) -> tuple[str, ...]:
-    """Return the keys at the top of two tasks that have other values, but for the targets of the same stages."""
+def changed_keys_besides_targets(before: Task, after: Task) -> tuple[str, ...]:
+    """Return the top-level keys whose values differ between two tasks; targets of stages do not count.
+
+    Targets count only where the tasks have other stages: then `stages` is among the keys.
+    """
     dumps = [task.spec.model_dump() for task in (before, after)]
     if [stage.name for stage in before.spec.stages] == [stage.name for stage in after.spec.stages]:
         for stages in (dump["stages"] for dump in dumps):

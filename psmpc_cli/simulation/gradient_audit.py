@@ -21,6 +21,17 @@ AD_TOLERANCE = 1e-8
 DIFFERENCE_TOLERANCE = 1e-6
 """Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""
 
+SWITCH_AT = 0.4
+"""Where the audited switch is in the horizon, as a fraction of it."""
+
+POSITION_SPREAD = 0.3
+VELOCITY_SPREAD = 0.05
+CONTROL_SPREAD = 0.1
+"""Standard deviations of drawn positions [m, rad], velocities [m/s, rad/s] and controls [m/s^2, rad/s^2]."""
+
+GRADIENT_FLOOR = 1e-3
+"""Differences are relative to the gradient, or to this [1/s] near a stationary point, where the gradient is tiny."""
+
 LEAST_SHRINKAGE = 1.5
 """Least factor by which the costate formula's gap shrinks when the mesh doubles. An error O(1/N_s) halves; the solver's
 tolerance takes some of that."""
@@ -53,10 +64,10 @@ class Audit:
 
 def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
     """Audit every switch of the task, at a state drawn by the task's seed near its initial one."""
-    return tuple(_audit(experiment, first) for first in range(len(experiment.problem.stages) - 1))
+    return tuple(_audit_switch(experiment, first) for first in range(len(experiment.problem.stages) - 1))
 
 
-def _audit(experiment: Experiment, stage_before: int) -> Audit:
+def _audit_switch(experiment: Experiment, stage_before: int) -> Audit:
     """Compare four ways of computing the gradient dJ/dt_s by one switch time, on a window over two stages.
 
     The discrete adjoint is compared with algorithmic differentiation and with central differences, at random controls.
@@ -66,31 +77,36 @@ def _audit(experiment: Experiment, stage_before: int) -> Audit:
     Args:
         experiment: The task's experiment.
         stage_before: Index of the stage that ends at the switch.
+
+    Returns:
+        The gradient, and by how much each of the other ways differs from the adjoint.
     """
     generator = np.random.default_rng(experiment.problem.spec.seed)
-    window, switch_times = _window(experiment, stage_before, generator)
+    window, switch_times = _window_over_switch(experiment, stage_before, generator)
     tau = durations(switch_times, window.start, window.horizon)
     model = experiment.problem.model
     rollout = Rollout(model, window, switch_times)
-    inputs = [model.n_inputs(stage.input) for stage in window.stages]
-    U = [0.1 * generator.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
-    adjoint = rollout.by_adjoint(tau, U)
-    # differences are relative to the gradient, or to this floor near a stationary point, where it is tiny
-    scale = max(1e-3, float(np.abs(adjoint).max()))
+    input_counts = [model.n_inputs(stage.input) for stage in window.stages]
+    U = [CONTROL_SPREAD * generator.standard_normal(shape) for shape in zip(window.nodes, input_counts, strict=True)]
+    gradient = rollout.by_adjoint(tau, U)
+    scale = max(GRADIENT_FLOOR, float(np.abs(gradient).max()))
     N = experiment.problem.spec.controller.uniform_nodes
     return Audit(
         switch=(window.stages[0].name, window.stages[1].name),
-        gradient=float(adjoint[0]),
-        to_differentiation=float(np.abs(adjoint - rollout.by_differentiation(tau, U)).max()) / scale,
-        to_differences=float(np.abs(adjoint - rollout.by_differences(tau, U)).max()) / scale,
+        gradient=float(gradient[0]),
+        to_differentiation=float(np.abs(gradient - rollout.by_differentiation(tau, U)).max()) / scale,
+        to_differences=float(np.abs(gradient - rollout.by_differences(tau, U)).max()) / scale,
         costate_gaps=(_costate_gap(experiment, window, tau, N), _costate_gap(experiment, window, tau, 2 * N)),
     )
 
 
-def _window(experiment: Experiment, stage_before: int, generator: np.random.Generator) -> tuple[Window, np.ndarray]:
+def _window_over_switch(
+    experiment: Experiment, stage_before: int, generator: np.random.Generator
+) -> tuple[Window, np.ndarray]:
     """Build a window over two stages from a random state near the task's initial one, to audit its gradient.
 
-    The switch is at 40 % of the horizon and the terminal cost is 0, so that only the two stages count.
+    The switch is at the fraction `SWITCH_AT` of the horizon. The terminal cost is 0, so that only the running costs of
+    the two stages count.
 
     Args:
         experiment: The task's experiment.
@@ -106,14 +122,14 @@ def _window(experiment: Experiment, stage_before: int, generator: np.random.Gene
     Q = experiment.initial_state[:-n]
     v = experiment.initial_state[-n:]
     chart = problem.model.space.chart_at(Q)
-    noise = np.r_[0.3 * generator.standard_normal(n), 0.05 * generator.standard_normal(n)]
+    noise = np.r_[POSITION_SPREAD * generator.standard_normal(n), VELOCITY_SPREAD * generator.standard_normal(n)]
     # noise is added in a chart, where an attitude has three coordinates instead of four of a unit quaternion
     Q, v = (rows[0] for rows in chart.from_chart(chart.to_chart(Q[None], v[None]) + noise))
     placed = [in_own_chart(problem.model, stage, Q, v)[0] for stage in problem.stages]
-    chart = problem.model.space.chart_at(Q)
+    chart = problem.model.space.chart_at(Q)  # a window is written in the chart about its own first attitude
     x0 = np.asarray(chart.to_chart(Q[None], v[None])[0])
     N = controller.uniform_nodes
-    switch_times = np.array([0.4 * controller.horizon])
+    switch_times = np.array([SWITCH_AT * controller.horizon])
     prediction = resting_plan(0.0, controller.horizon, N, x0, chart)
     window = WindowBuilder(problem).build(
         MovingSequence((stage_before, stage_before + 1), switch_times, StageProgress(0.0)),
@@ -136,7 +152,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes_
         nodes_per_stage: Intervals of the mesh in each stage.
 
     Returns:
-        The largest difference of the two gradients by switch times.
+        The largest difference of the two gradients by switch times [1/s].
     """
     unconstrained = tuple(_unconstrained(stage) for stage in window.stages)
     window = replace(window, nodes=(nodes_per_stage,) * len(unconstrained), stages=unconstrained)
@@ -144,11 +160,12 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes_
     guess = replace(
         resting_plan(window.start, window.horizon, nodes_per_stage, window.x0, window.chart), switch_times=switch_times
     )
-    solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
+    solution = build_solver(experiment.problem).solve(window, guess, within=0.0)  # 0 holds the switch times
     plan = solution.plan
     ends = np.cumsum(window.nodes)
     intervals_of_stage = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
     costs = experiment.problem.costs
+    # the inputs over the intervals of each stage: accelerations, or rates in task space where the stage asks for these
     U = [
         costs.inputs(stage, plan.X[intervals], plan.u[intervals])
         for stage, intervals in zip(unconstrained, intervals_of_stage, strict=True)
@@ -158,9 +175,9 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes_
 
 
 def _unconstrained(stage: PlacedStage) -> PlacedStage:
-    """Remove limits, constraints, end condition and the cost of rates, which the costate formula lacks, of a stage."""
-    none = np.full_like(stage.limits.position_low, np.inf)
-    limits = Limits(*(sign * none for _ in QUANTITIES for sign in (-1, 1)))
+    """Return a stage without limits, constraints, end condition and cost of rates: the costate formula has none."""
+    infinite = np.full_like(stage.limits.position_low, np.inf)
+    limits = Limits(*(sign * infinite for _ in QUANTITIES for sign in (-1, 1)))  # low and high of each quantity
     return replace(
         stage,
         limits=limits,

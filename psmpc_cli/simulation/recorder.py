@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,7 @@ class RecordedLoop:
 
     Attributes:
         problem: The task made computable.
-        counterfactuals: Solves what is measured alone.
+        counterfactuals: Solves windows that are measured and never applied.
         uncertainty: What the controller does not know; None without any, or where nobody knows it.
         capture: The object and its grasps; None of an object without a mass, or where nobody knows what became of it.
         initial_state: Initial state [Q; v] (nq + n,).
@@ -92,8 +93,8 @@ class Ending:
         completed: The last stage met its end condition.
         reason: Why the run stopped.
         time: When [s].
-        state: In which state, as the controller saw it (nq + n,).
-        true: In which state it was (nq + n,).
+        state: The last state [Q; v] as the controller saw it (nq + n,).
+        true_state: What that state really was (nq + n,).
         switches: Stages that ended since the last sample, the last stage among them.
         stuck: The run could not go on.
     """
@@ -102,7 +103,7 @@ class Ending:
     reason: str
     time: float
     state: np.ndarray
-    true: np.ndarray
+    true_state: np.ndarray
     switches: tuple[Switch, ...] = ()
     stuck: bool = False
 
@@ -123,9 +124,12 @@ def record(
     Args:
         loop: What is known of the loop beforehand: its task, its plant, what is unknown to the controller.
         samples: Generator that runs the loop: it yields samples and returns how the loop ended.
-        path: Where the log is written; in memory alone by default.
+        path: File of the log; by default the log is kept in memory alone.
         watch: Called with each sample after it is written.
         force: Overwrite an earlier log.
+
+    Returns:
+        The run, of as many samples as there were up to an interruption.
 
     Raises:
         InputError: The log exists already or cannot be written.
@@ -133,24 +137,28 @@ def record(
     """
     absolute_path = None if path is None else path.absolute()  # a watcher may change the working folder
     with LogWriter(path, header(loop), force) as writer:
-        _write(loop, samples, writer, watch)
+        _write_run(loop, samples, writer, watch)
         if absolute_path is None:
             return run_in(writer.file).with_problem(loop.problem)
     return read_run(absolute_path).with_problem(loop.problem)
 
 
-def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch) -> None:
+def _write_run(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch) -> None:
     """Run a closed loop and write what it yields, so that the log is complete up to any interruption or error.
 
     Written at every sample: its row, and the tables of the whole run that it has changed (when stages ended and
-    started, what became of grasps, which targets were changed). At the end: the final state and the verdicts.
+    started, what became of grasps, which targets were changed). At the end: the final state, and whether the task's
+    monitors held (its verdicts).
 
     Args:
         loop: What is known of the loop beforehand.
         samples: Generator that runs the loop: it yields samples and returns how the loop ended.
         writer: Writes the log.
-        watch: Called with each sample after it is written. What it raises ends the run; KeyboardInterrupt does so
-            cleanly.
+        watch: Called with each sample after it is written.
+
+    Raises:
+        Exception: What the loop, the writer or `watch` raises; the log then names the error. A KeyboardInterrupt is not
+            raised: it ends the run cleanly.
     """
     stages = loop.problem.stages
     clock = StageClock(len(stages), loop.problem.spec.onset)
@@ -158,7 +166,7 @@ def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch
     changes_of_targets = list[dict[str, Any]]()
     try:
         writer.update(clock.tables)
-        while isinstance(sample := _next(samples), Sample):
+        while isinstance(sample := _next_sample_or_ending(samples), Sample):
             writer.write(sample)
             if sample.command.new_targets:
                 changes_of_targets += [
@@ -167,26 +175,28 @@ def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch
                 ]
                 writer.update_attributes({NEW_TARGETS: json.dumps(changes_of_targets)})
             for record_of_run in records:
-                if record_of_run.update(sample):
+                has_changed = record_of_run.update(sample)
+                if has_changed:
                     writer.update(record_of_run.tables)
-            _report(sample, stages)
-            make_read_only(sample.ticks)
+            _log_events(sample, stages)
+            make_read_only(sample.ticks)  # a watcher must not change what is recorded
             watch(sample)
     except KeyboardInterrupt as interruption:
-        writer.finish(False, str(interruption) or "interrupted", {**clock.tables, **_verdicts(loop, writer)})
+        reason = str(interruption) or "interrupted"
+        writer.finish(finished=False, reason=reason, values={**clock.tables, **_verdict_tables(loop, writer)})
         return
     except Exception as error:
         reason = str(error) if isinstance(error, RunError) else f"{type(error).__name__}: {error}"
-        with suppress(RunError):
-            writer.finish(False, reason, clock.tables)
+        with suppress(RunError):  # if the log cannot be written either, the first error is raised
+            writer.finish(finished=False, reason=reason, values=clock.tables)
         raise
     ending = sample
     clock.end(ending.switches)
-    writer.update({**clock.tables, **_final(loop, ending)})
-    writer.finish(ending.completed, ending.reason, _verdicts(loop, writer), ending.stuck)
+    writer.update({**clock.tables, **_final_state(loop, ending)})
+    writer.finish(ending.completed, ending.reason, _verdict_tables(loop, writer), ending.stuck)
 
 
-def _next(samples: Samples) -> Sample | Ending:
+def _next_sample_or_ending(samples: Samples) -> Sample | Ending:
     """Return the next sample of a closed loop, or how it ended; a StopIteration of a watcher means neither."""
     try:
         return next(samples)
@@ -195,11 +205,11 @@ def _next(samples: Samples) -> Sample | Ending:
         return ending
 
 
-def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
+def _final_state(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
     """Return time, state and poses at the end of a run, by their paths in the log."""
     model = loop.problem.model
     Q, v = np.split(ending.state, [model.nq])
-    Q_true, v_true = np.split(ending.true, [model.nq])
+    Q_true, v_true = np.split(ending.true_state, [model.nq])
     final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
     if TRUE_STATE.holds(loop.recorded):
         final |= {"Q_true": Q_true, "Qdot_true": v_true}
@@ -208,14 +218,20 @@ def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
     return {"final/end_time": ending.time, **{f"final/{name}": value for name, value in final.items()}}
 
 
-def _verdicts(loop: RecordedLoop, writer: LogWriter) -> dict[str, ArrayLike]:
+def _verdict_tables(loop: RecordedLoop, writer: LogWriter) -> dict[str, ArrayLike]:
     """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
     judged = verdicts(loop.problem.spec, run_in(writer.file).arrays) if loop.problem.spec.judged else ()
-    return {"monitors/held": [v.held for v in judged], "monitors/margin": [v.margin for v in judged]}
+    return {
+        "monitors/held": [verdict.held for verdict in judged],
+        "monitors/margin": [verdict.margin for verdict in judged],
+    }
 
 
-def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
-    """Log what happened at a sample for the user who watches: failures as warnings, other events as information.
+def _log_events(sample: Sample, stages: tuple[Stage, ...]) -> None:
+    """Tell the user who watches a run what happened at a sample: failures as warnings, other events as information.
+
+    The events are those of `Command.events`: `appended`, for example, says that a stage entered the window, and
+    `postponed` that the window with the next stage has no solution yet.
 
     Args:
         sample: The sample.
@@ -251,6 +267,9 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
 
 def header(loop: RecordedLoop) -> Header:
     """Collect what the log says of a run before it begins, so that the log alone suffices to understand and repeat it.
+
+    Args:
+        loop: The loop that is to be recorded.
 
     Returns:
         Attributes of the file (versions, machine, settings, the texts of task and robot); the values along the
@@ -315,7 +334,7 @@ def header(loop: RecordedLoop) -> Header:
 
 
 def _moments_of_load(problem: Problem) -> tuple[str, ...]:
-    """Return the names of the moments of inertia of a load that is found out: principal ones, of a payload one."""
+    """Return the names of the moments of inertia of a load that is estimated: one of a payload, else principal ones."""
     if problem.spec.uncertainty.carried.is_estimated:
         return ("all axes",)
     return ("xx", "yy", "zz")[-problem.model.space.n_principal :]
@@ -336,18 +355,19 @@ def masses_header(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
     return {"masses/body": tuple(body.name for body in robot.bodies), "masses/arm": tuple(robot.arms)}
 
 
-def libraries_of(problem: Problem) -> list[Library]:
-    """Return the libraries that the solver of a problem needs; none where it needs none."""
+def libraries_of_solver(problem: Problem) -> list[Library]:
+    """Return the compiled libraries that the solver of a problem needs; none where it needs none."""
     return list(solver_libraries(problem)) if problem.spec.solver.traits.real_time else []
 
 
 class Recorder:
     """Records a loop of one's own as a `Run`, as `simulate` records its own.
 
-    `add` keeps a command and costs no time in the loop. `run` measures all of them, with the counterfactual solves of
-    presence and shares, so it is called when the loop has ended. A sample lasts until the next command, whose state is
-    the measured one at its end. What happens in between is known where `add` is given the ticks; without them forces,
-    base efforts and the balances of momentum and energy are NaN. What becomes of an object with a mass is not recorded.
+    `add` keeps a command and costs no time in the loop. `run` measures all of them, which takes further solves (how
+    much each stage acts on the control), so it is called when the loop has ended. A sample lasts until the next
+    command, whose state is the measured one at its end. What happens in between is known where `add` is given the
+    ticks, the periods of the low-level controller; without them forces, base efforts and the balances of momentum and
+    energy are NaN. What becomes of an object with a mass is not recorded.
     """
 
     def __init__(self, controller: Controller) -> None:
@@ -374,9 +394,10 @@ class Recorder:
         Nothing is computed yet, so it costs no time in the loop.
 
         Args:
-            command: The command.
-            ticks: What the robot did until the next sample, at the ticks of `command.u`; with all commands but the last
-                one, or with none. Forces that are not known are NaN.
+            command: The command, from `Controller.step`.
+            ticks: What the robot did until the next sample, at the ticks of `command.u` (the periods of the low-level
+                controller). They are given with all commands but the last one, or with none. Forces that are not known
+                are NaN.
 
         Raises:
             InputError: The command is another controller's or does not come after the one before, or the ticks are not
@@ -392,18 +413,22 @@ class Recorder:
         if ticks is not None:
             if self._commands and self._ticks[-1] is None:
                 raise InputError("ticks: found some after a command without any, expected them with every command")
-            ticks = _checked(ticks, command)
+            ticks = _ticks_as_arrays(ticks, command)
         self._commands.append(command)
         self._ticks.append(ticks)
 
     def run(self, reason: str | None = None) -> Run:
         """Measure what was recorded of a loop of one's own and return it as a run, in memory.
 
-        The run has the same measures as a simulated one. It ends where its last stage does; commands after that are
-        left out. The ticks of a command are what the robot did until the next one.
+        The run has the same measures as a simulated one. Some of them take further solves: how much each stage acts on
+        the control. It ends where its last stage does; commands after that are left out. The ticks of a command, the
+        periods of the low-level controller, tell what the robot did until the next one.
 
         Args:
             reason: Why the loop ended, if it did so before the last stage; by default the controller's `failure`.
+
+        Returns:
+            The run, without a file.
 
         Raises:
             InputError: There is no command yet, or some have ticks and others none. The last may be without: its ticks
@@ -416,21 +441,23 @@ class Recorder:
         if knows_ticks and None in self._ticks[:-1]:
             raise InputError("ticks: found a command without any, expected them with all commands but the last")
         problem = self._controller.problem
+        first_ticks = self._ticks[0]
         loop = RecordedLoop(
             problem=problem,
             counterfactuals=Counterfactuals(self._controller),
-            uncertainty=None,
+            uncertainty=None,  # what disturbs the robot, and what becomes of an object, is not known
             capture=None,
-            initial_state=self._commands[0].state if self._ticks[0] is None else self._ticks[0].states[0],
-            compiled=problem.spec.solver.compiled and compile_all(libraries_of(problem)),
+            initial_state=self._commands[0].state if first_ticks is None else first_ticks.states[0],
+            # the further solves use compiled code, which is made here if it is not in the cache
+            compiled=problem.spec.solver.compiled and compile_all(libraries_of_solver(problem)),
             plant_kind=OWN_LOOP,
             knows_ticks=knows_ticks,
             is_simulated=False,
             changes_targets=any(command.new_targets for command in self._commands),
         )
-        return record(loop, self._samples(loop, reason or self._controller.failure or "the loop ended"))
+        return record(loop, self._measured_samples(loop, reason or self._controller.failure or "the loop ended"))
 
-    def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
+    def _measured_samples(self, loop: RecordedLoop, reason: str) -> Samples:
         """Yield the recorded samples as the loop of `simulate` yields its own, and return how the loop ended.
 
         The end is where the last stage has met its end condition and the task's time after that has passed; or else
@@ -444,40 +471,46 @@ class Recorder:
         meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.initial_state, wheel_momenta)
         last_stage = loop.problem.stages[-1]
         mission_ends_at = np.inf
+        rounding = 1e-9  # of sums of sample times [s]
         time = self._commands[0].time
         end_state = loop.initial_state
-        for command, ticks in zip(self._commands, self._ticks_of_samples(), strict=True):
+        for command, ticks in zip(self._commands, self._given_or_single_ticks(), strict=True):
             state = command.state if ticks is None else ticks.states[0]
+            ending = partial(
+                Ending, time=command.time, state=command.state, true_state=state, switches=command.switches
+            )
             if any(switch.stage == last_stage.index for switch in command.switches):
                 mission_ends_at = command.acts_at + loop.problem.spec.time_after_end
-            if command.time >= mission_ends_at - 1e-9:
-                met = f"{last_stage.name} met its end condition"
-                return Ending(True, met, command.time, command.state, state, command.switches)
-            if ticks is None:
-                return Ending(False, reason, command.time, command.state, state, command.switches)
-            in_force = self._in_force(float(ticks.time[0]))
-            yield meter.measure(command, ticks, state, in_force.u, None, in_force)
+            if command.time >= mission_ends_at - rounding:
+                return ending(completed=True, reason=f"{last_stage.name} met its end condition")
+            if ticks is None:  # the last command, after which nothing is known
+                return ending(completed=False, reason=reason)
+            in_force = self._command_in_force(float(ticks.time[0]))
+            yield meter.measure(command, ticks, state, u=in_force.u, contact=None, in_force=in_force)
             time = float(ticks.time[-1])
             end_state = ticks.states[-1]
-        return Ending(False, reason, time, end_state, end_state)
+        return Ending(completed=False, reason=reason, time=time, state=end_state, true_state=end_state)
 
-    def _in_force(self, time: float) -> Command:
+    def _command_in_force(self, time: float) -> Command:
         """Return the last command that is expected to act at a time [s]; the first one before there is any."""
         acting = [command for command in self._commands if command.acts_at <= time + command.tick / 2]
         return acting[-1] if acting else self._commands[0]
 
-    def _ticks_of_samples(self) -> Iterator[Ticks | None]:
+    def _given_or_single_ticks(self) -> Iterator[Ticks | None]:
         """Yield what the robot did after every command, for the metrics of its sample.
 
-        That is what the user gave. Where nothing was given it is one long tick, from the measured state of the command
-        to that of the next one, with unknown forces (NaN); None after the last command.
+        Yields:
+            The ticks that the user gave. Where none were given, a single long tick from the measured state of the
+            command to that of the next one, with unknown forces (NaN); after the last command None.
         """
         next_commands = [*self._commands[1:], None]
         for command, ticks, next_command in zip(self._commands, self._ticks, next_commands, strict=True):
             wheels_at_end = command.wheels if next_command is None else next_command.wheels
+            if ticks is not None and ticks.wheels is not None:
+                yield ticks
+                continue
             if ticks is not None:
-                knows_wheels = ticks.wheels is not None
-                yield ticks if knows_wheels else replace(ticks, wheels=_wheels(command, wheels_at_end, len(ticks.F)))
+                yield replace(ticks, wheels=_interpolated_wheels(command, wheels_at_end, len(ticks.F)))
                 continue
             if next_command is None:
                 yield None
@@ -487,29 +520,32 @@ class Recorder:
                 time=np.array([command.acts_at, next_command.acts_at]),
                 states=np.array([command.state, next_command.state]),
                 F=np.full((1, command.u.shape[1]), np.nan),
-                impulse_and_work=np.full(base_rates.stop + 1, np.nan),
-                wheels=_wheels(command, wheels_at_end, 1),
+                impulse_and_work=np.full(base_rates.stop + 1, np.nan),  # an impulse for each rate of the base, the work
+                wheels=_interpolated_wheels(command, wheels_at_end, ticks=1),
             )
 
 
-def _wheels(command: Command, after: np.ndarray, ticks: int) -> WheelTicks | None:
-    """Return what wheels did over the ticks of a sample, of which only what they store at both ends is known.
+def _interpolated_wheels(command: Command, momenta_at_end: np.ndarray, ticks: int) -> WheelTicks | None:
+    """Return what wheels did over the ticks of a sample, where only their momenta at both ends are known.
 
     Args:
-        command: Of the sample.
-        after: What they store at its end (W,) [N m s].
-        ticks: Number of ticks.
+        command: Command of the sample, with the momenta at its beginning.
+        momenta_at_end: Angular momenta that the wheels store at its end (W,) [N m s].
+        ticks: Number of ticks M.
+
+    Returns:
+        Momenta that change at a constant rate (M + 1, W), and unknown torques (NaN); None for a robot without wheels.
     """
     if not len(command.wheels):
         return None
-    momentum = np.linspace(command.wheels, after, ticks + 1)
-    return WheelTicks(momentum, np.full((ticks, len(after)), np.nan))
+    momenta = np.linspace(command.wheels, momenta_at_end, ticks + 1)
+    return WheelTicks(momentum=momenta, torque=np.full((ticks, len(momenta_at_end)), np.nan))
 
 
-def _checked(ticks: Ticks, command: Command) -> Ticks:
+def _ticks_as_arrays(ticks: Ticks, command: Command) -> Ticks:
     """Check the ticks that a user's own loop has recorded of a sample, and return them as arrays of floats.
 
-    Forces that were commanded are those applied, and impulse and work are NaN, where they are not given.
+    Where they are not given, the commanded forces are taken to be the applied ones, and impulse and work are NaN.
 
     Args:
         ticks: What the robot did over the sample, as the user gives it.
@@ -525,9 +561,9 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
-    base_values = command.law.model.parts["base"].stop + 1
-    if shape_of(ticks.impulse_and_work) not in ((), (base_values,)):
-        raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({base_values},)")
+    n_impulse_and_work = command.law.model.parts["base"].stop + 1  # an impulse for each rate of the base, and the work
+    if shape_of(ticks.impulse_and_work) not in ((), (n_impulse_and_work,)):
+        raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({n_impulse_and_work},)")
     time = np.array(ticks.time, dtype=float)
     begins_with_command = abs(time[0] - command.time) <= command.tick
     if not (begins_with_command and (np.diff(time) > 0).all()):
@@ -539,5 +575,5 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
         states=np.array(ticks.states, dtype=float),
         F=np.array(ticks.F, dtype=float),
         commanded=np.array(ticks.commanded, dtype=float),
-        impulse_and_work=np.array(np.broadcast_to(ticks.impulse_and_work, (base_values,)), dtype=float),
+        impulse_and_work=np.array(np.broadcast_to(ticks.impulse_and_work, (n_impulse_and_work,)), dtype=float),
     )

@@ -28,12 +28,15 @@ def logged_solve(run: Run, sample: int) -> Solution:
     """Rebuild the solve of a sample from a log, so that its window can be solved again or its plan integrated.
 
     A log has the numbers of the window, the guess, the solution and the multipliers that the solve started from. It
-    lacks the multipliers and the stages' costs at the solution, so the returned one has none of these. Under HTMPC it
-    is the solve of the first priority level.
+    lacks the multipliers and the stages' costs at the solution, so the returned one has none of these. Under HTMPC,
+    which solves one window for each priority level, it is the solve of the first level.
 
     Args:
         run: A run with plans.
         sample: The number of the sample.
+
+    Returns:
+        The solution of that sample, with its window and guess.
 
     Raises:
         LogError: The run holds no plans, not this sample, or a plan that is not of its window.
@@ -41,11 +44,13 @@ def logged_solve(run: Run, sample: int) -> Solution:
     logged_vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
     window_numbers, guess, solution, guess_duals = logged_vectors
     try:
-        window = read_window(run.problem_at(float(run.time[sample])), _frame(run, sample), window_numbers)
+        problem = run.problem_at(float(run.time[sample]))  # with the targets then: a user may change them during a run
+        window = read_window(problem, _window_frame(run, sample), window_numbers)
         return Solution(
             outcome=Outcome[run["solver/status"][sample].upper()],
             plan=window.plan_of(solution),
-            objective=float(run["solver/objective"][sample]) / float(np.max(window.omega)),  # the log has J itself
+            # the log has J itself, and the objective of a solver is J over the largest priority
+            objective=float(run["solver/objective"][sample]) / float(np.max(window.omega)),
             iterations=int(run["solver/iterations"][sample]),
             wall_time=float(run["solver/wall_time"][sample]),
             window=window,
@@ -57,16 +62,17 @@ def logged_solve(run: Run, sample: int) -> Solution:
         raise LogError(f"{run.path}: the plan of sample {sample} is not one of the window that the log has") from None
 
 
-def _frame(run: Run, sample: int) -> WindowFrame:
-    """Read what a log says of a window beside its record: stages, nodes, time and state."""
+def _window_frame(run: Run, sample: int) -> WindowFrame:
+    """Read what the datasets of a log say of a sample's window: stages, nodes, time and state."""
     first = int(run["window/first"][sample])
     count = int(run["window/count"][sample])
     stages = range(first, first + count)
     nodes = [int(run["window/nodes"][sample, stage]) for stage in stages]
-    after_end = int(run["window/nodes_after_end"][sample]) if "window/nodes_after_end" in run else 0
+    # a stage that continues after its own end has a second segment, with nodes of its own
+    nodes_after_end = int(run["window/nodes_after_end"][sample]) if "window/nodes_after_end" in run else 0
     return WindowFrame(
-        segments=(*stages, first) if after_end else tuple(stages),
-        nodes=(*nodes, after_end) if after_end else tuple(nodes),
+        segments=(*stages, first) if nodes_after_end else tuple(stages),
+        nodes=(*nodes, nodes_after_end) if nodes_after_end else tuple(nodes),
         start=float(run.time[sample] + (run["delay/expected"][sample] if "delay/expected" in run else 0.0)),
         Q=run["state/Q"][sample],
         v=run["state/Qdot"][sample],
@@ -79,11 +85,12 @@ class Replay:
 
     Attributes:
         logged: The solve as it was logged.
-        solution: What came out again.
+        solution: The solution of the repeated solve.
         iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
-        compared: Objective, planned switch times and the control of the first tick: as logged, and again.
+        compared: By name of the quantity (objective, planned switch times, control of the first tick): its value as
+            logged, and in the repeated solve.
         largest_of_controls: Largest difference of a control in the plan [m/s^2, rad/s^2].
-        remarks: What was logged that is not the solve behind the applied control.
+        remarks: Sentences for the user: why the logged solve is not the one behind the applied control.
         same_solver: Whether the solver is the run's.
     """
 
@@ -111,6 +118,9 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
         sample: The number of the sample.
         solver: Name of the solver; by default the run's own.
 
+    Returns:
+        Both solutions, and their differences.
+
     Raises:
         LogError: The log holds no plans, not this sample, or a plan that is not of its window.
         SpecError: The solver does not exist or cannot solve this task.
@@ -120,10 +130,9 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     logged = logged_solve(log, sample)
     iterations = list[str]()
     if solver is not None and solver != task.spec.solver.kind:
+        # deadline and gradient of the task are made for the run's solver: another one may not take them
         overrides = (f"solver.kind={json.dumps(solver)}", "solver.deadline=null", "solver.gradient=exact")
-        changes = [
-            (f"--solver {solver}", key) for key in overrides
-        ]  # deadline and gradient are those of the run's solver
+        changes = [(f"--solver {solver}", override) for override in overrides]  # messages name the option
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
     solver_spec = task.spec.solver.model_copy(update={"deadline": None})
     same_solver = task.spec.solver.kind == log.task.spec.solver.kind
@@ -131,16 +140,16 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     window_solver = build_solver(problem, solver_spec, iterations.append)
     # a window that a stage has just entered had more iterations in the run
     if log["events/appended"][sample]:
-        window_solver = window_solver.stopping(np.inf, solver_spec.entry_iterations)
+        window_solver = window_solver.stopping(stop_at=np.inf, most_iterations=solver_spec.entry_iterations)
     # multipliers of another solver are of other rows
     guess_duals = logged.guess_duals if same_solver else np.zeros(0)
+    # a warm solve starts from the solution of the sample before, for which the logged guess and multipliers stand
     previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=guess_duals) if logged.warm else None
     solution = window_solver.solve(logged.window, logged.guess, previous)
     # compared are the objective, the planned switch times, and the mean control over the first tick
     first_tick = logged.window.start + np.array([0.0, 1 / task.spec.plant.low_level_rate])
-    ends = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1])
-    coordinates = log.coordinates
-    names = ["objective J", *ends, *(f"control of {name}" for name in coordinates)]
+    names_of_switch_times = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1])
+    names = ["objective J", *names_of_switch_times, *(f"control of {name}" for name in log.coordinates)]
     compared_values = [
         np.r_[solve.J, solve.plan.switch_times, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
     ]
@@ -158,12 +167,15 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
 def _remarks(log: Run, sample: int) -> Iterator[str]:
     """Say in which ways a logged solve is not the one that gave the applied control, so that a replay is not misread.
 
+    It may be that of a shorter window, a failed one, or that of the first priority level of HTMPC alone; and it may
+    have had a deadline.
+
     Args:
         log: The run.
         sample: The number of the sample.
 
     Yields:
-        One sentence for each such way.
+        One sentence for the user for each of these.
     """
     names = log.stage_names
     last_stage = int(log["window/first"][sample] + log["window/count"][sample]) - 1
@@ -183,7 +195,7 @@ def _remarks(log: Run, sample: int) -> Iterator[str]:
 
 
 def _require_newest_format(log: Run) -> None:
-    """Reject a log whose windows and measurements are those of another version.
+    """Raise an error if a log has an older format, whose windows and measurements are not those of this version.
 
     Raises:
         LogError: The log is of an older format.
@@ -205,9 +217,9 @@ def rerun(
 
     Args:
         log: The run.
-        path: Where the new log goes; it is kept in memory alone by default.
+        path: File of the new log; by default it is kept in memory alone.
         force: Overwrite an earlier log.
-        watch: Called with each sample.
+        watch: Called with each sample of the new run.
 
     Returns:
         The comparison; None if the repetition was itself interrupted.
@@ -224,26 +236,32 @@ def rerun(
     if path is not None:
         check_output(path, force, inputs=[log.path])
 
-    def watch_samples(sample: Sample) -> None:
+    def watch_until_log_ends(sample: Sample) -> None:
         watch(sample)
         if log.interrupted and sample.number + 1 == samples:
+            # ends the new run as an interruption has ended the logged one
             raise KeyboardInterrupt(str(log.attributes["end_reason"]) or "as far as the log goes")
 
-    new_run = simulate(log.task, path, watch_samples, force, keep_going=log.keeps_going, new_targets=log.new_targets)
-    was_stopped = new_run.interrupted and (len(new_run.time) < samples or not log.interrupted)
-    return None if was_stopped else compare_runs(log, new_run)
+    new_run = simulate(
+        log.task, path, watch_until_log_ends, force, keep_going=log.keeps_going, new_targets=log.new_targets
+    )
+    was_interrupted_early = new_run.interrupted and (len(new_run.time) < samples or not log.interrupted)
+    return None if was_interrupted_early else compare_runs(log, new_run)
 
 
 def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
-    """Run the task of an unfinished log again from its beginning, to the end; None if interrupted.
+    """Run the task of an unfinished log again from its beginning, to the end.
 
     Every row that the log holds is compared with the new one, wall times left out. Where all are equal the new log
     takes the place of the old one in one step; where they are not, or if interrupted, the old one stays as it is.
 
     Args:
-        log: The log.
-        path: Where the new log goes; the old one's place by default.
-        watch: Called with each sample.
+        log: The run, as its unfinished log has it.
+        path: File of the new log; by default it replaces the old one.
+        watch: Called with each sample of the new run.
+
+    Returns:
+        The comparison of the old rows with the new ones; None if the new run was interrupted.
 
     Raises:
         LogError: The run has ended, or the log does not describe a run of this version.
@@ -264,9 +282,10 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
 
 
 def unequal_conditions(log: Run) -> tuple[str, ...]:
-    """List the reasons why a repeated run need not be equal to the last bit, in sentences for the user; empty if none.
+    """List the reasons why a repeated run need not be equal to the last bit, in sentences for the user.
 
-    Such are other versions of packages, sums over several threads, deadlines of solves, and another machine.
+    Such reasons are other versions of packages, sums over several threads, deadlines of solves, a log that was not
+    simulated, and another machine. The list is empty if there is none.
     """
     versions_here = {"psmpc": __version__, "casadi": version("casadi"), "numpy": np.__version__}
     versions_of_log = {name: str(log.attributes.get(f"{name}_version", "unknown")) for name in versions_here}
@@ -282,10 +301,10 @@ def unequal_conditions(log: Run) -> tuple[str, ...]:
     if log.attributes.get("plant") == OWN_LOOP:
         plant = log.task.spec.plant.kind
         conditions.append(f"the log was recorded in a loop of its own, this is a simulation with plant {plant}")
-    return (*conditions, *_other_machine(log))
+    return (*conditions, *_differences_of_machine(log))
 
 
-def _other_machine(log: Run) -> Iterator[str]:
+def _differences_of_machine(log: Run) -> Iterator[str]:
     """Yield processor and compiler where they are not those of a log's run, since they round otherwise."""
     here = {"processor": describe_processor(), "compiler": ""}
     if log.attributes.get("compiled"):

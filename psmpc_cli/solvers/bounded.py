@@ -14,7 +14,7 @@ import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Generic, ParamSpec, TypeVar, cast
+from typing import Any, ClassVar, Generic, ParamSpec, TypeVar, cast
 
 from psmpc_cli.errors import SIGNALS, check_deferred, end_with_parent
 
@@ -44,6 +44,11 @@ LENGTH = 8
 """Bytes of the length of an answer, which stands before it."""
 
 
+def processor_time() -> float:
+    """Return the processor time that this process has used, with that of its bounded calls [s]."""
+    return time.process_time() + BoundedCalls.processor_time
+
+
 class BoundedCalls(Generic[P, Result]):
     """A function whose calls are answered by a copy of this process, one after the other.
 
@@ -53,7 +58,12 @@ class BoundedCalls(Generic[P, Result]):
     Args:
         function: The function; its arguments and results pickle.
         wait: Called again and again while a call goes on.
+
+    Attributes:
+        processor_time: Of all calls so far, of every function [s].
     """
+
+    processor_time: ClassVar[float] = 0.0
 
     def __init__(self, function: Callable[P, Result], wait: Callable[[], None] = lambda: None) -> None:
         self._function = function
@@ -93,15 +103,17 @@ class BoundedCalls(Generic[P, Result]):
             self.renew()
             raise
         unpickled: Answer[Result] = pickle.loads(answer)
+        BoundedCalls.processor_time += unpickled.processor_time
         return unpickled.result()
 
 
 @dataclass(frozen=True)
 class Answer(Generic[Result]):
-    """What a call returned, or raised."""
+    """What a call returned, or raised, and the processor time that it took [s]."""
 
     returned: Result | None
-    raised: Exception | None = None
+    raised: Exception | None
+    processor_time: float
 
     def result(self) -> Result:
         """Return what the call returned, or raise what it raised."""
@@ -220,10 +232,13 @@ def _answer_calls(function: Callable[P, Result], parent: int, requests: int, ans
             while True:
                 longest, args, kwargs = pickle.load(incoming)
                 signal.setitimer(signal.ITIMER_PROF, longest)
+                began = time.process_time()
+                returned = raised = None
                 try:
-                    answer = Answer(function(*args, **kwargs))
+                    returned = function(*args, **kwargs)
                 except Exception as error:
-                    answer = Answer(None, error)
+                    raised = error
+                answer = Answer(returned, raised, time.process_time() - began)
                 signal.setitimer(signal.ITIMER_PROF, 0.0)
                 content = pickle.dumps(answer)
                 outgoing.write(len(content).to_bytes(LENGTH, "little") + content)

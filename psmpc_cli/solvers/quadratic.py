@@ -17,7 +17,7 @@ import piqp
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array, triu, vstack
 
-from psmpc_cli.native.library import Library, paths_of
+from psmpc_cli.native.library import Library, find_or_compile
 from psmpc_cli.native.structures import layout_source, require_layout
 from psmpc_cli.ocp.gauss_newton import Linearization, Unknowns
 from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow
@@ -325,7 +325,7 @@ def load_kernel(coordinates: int, durations: int, history: int = 0) -> Kernel | 
     Raises:
         RuntimeError: Its `QuadraticProgram` has its members elsewhere than ours.
     """
-    (path,) = paths_of([kernel_library(coordinates, durations, history)])
+    (path,) = find_or_compile([kernel_library(coordinates, durations, history)])
     if path is None:
         return None
     loaded = ctypes.CDLL(str(path))

@@ -20,6 +20,7 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.progress import Watch, Work
 from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop
 from psmpc_cli.solvers import NlpSolver, Outcome, Solution, Solver, build_solver
+from psmpc_cli.solvers.bounded import processor_time
 from psmpc_cli.specs.load import Task, load_task
 
 CONTROLLERS = ("psmpc", "smpc")
@@ -188,7 +189,7 @@ def run_bench(
     timed: dict[Case, list[TimedSolve]] = {(nodes, *case): [] for nodes in tasks for case in cases}
     compiled = True
     wall_time = 0.0
-    processor_time = 0.0
+    busy_time = 0.0
     meshes = Work("meshes", len(tasks), watch)
     for nodes, tasks_of_mesh in tasks.items():
         experiments = [build_experiment(task) for task in tasks_of_mesh]
@@ -199,7 +200,7 @@ def run_bench(
                 f"{problem.spec.name}: in no sample of its runs a stage entered the window, expected a task of several "
                 "stages whose first one ends"
             )
-        began_at = time.perf_counter(), time.process_time()
+        began_at = time.perf_counter(), processor_time()
         solves = Work("solves", len(recorded) * len(cases) * repeat, watch, f"{nodes} nodes a stage", small_parts=True)
 
         def count_solve(solves: Work = solves) -> None:
@@ -208,11 +209,11 @@ def run_bench(
 
         for case, solve in _time_solves(problem, recorded, cases, repeat, count_solve):
             timed[nodes, *case].append(solve)
-        wall_time = wall_time + time.perf_counter() - began_at[0]
-        processor_time = processor_time + time.process_time() - began_at[1]
+        wall_time += time.perf_counter() - began_at[0]
+        busy_time += processor_time() - began_at[1]
         compiled &= all(experiment.compiled for experiment in experiments)
         meshes.advance(f"{nodes} nodes a stage, {len(recorded)} windows")
-    return Bench(timed, compiled, wall_time / processor_time)
+    return Bench(timed, compiled, wall_time / busy_time)
 
 
 def _solves_around_entries(experiment: Experiment, appends: int | None, check: Callable[[], None]) -> list[Recorded]:

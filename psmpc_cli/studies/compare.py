@@ -9,7 +9,7 @@ from typing import NamedTuple, get_args
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import save_comparison
 from psmpc_cli.logs.files import check_output
-from psmpc_cli.logs.numbers import number
+from psmpc_cli.logs.numbers import format_number
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.progress import Watch
@@ -207,12 +207,12 @@ def recommend_controller(summaries: Mapping[str, Summary]) -> Recommended:
     name = min(as_soon, key=lambda kind: as_soon[kind].control_effort)
     others_as_soon = [other for other in as_soon if other != name]
     headline = f"recommended: {name}, whose mission succeeds"
-    end = f"{number(as_soon[name].duration, 0.1)} s"
+    end = f"{format_number(as_soon[name].duration, 0.1)} s"
     if len(succeeded) == 1:
         reason = f"in {end}, as the only one of {len(summaries)}" if len(summaries) > 1 else f"in {end}"
     elif others_as_soon:
         reason = f"in {end}, with the least control effort of those within a sample ({', '.join(as_soon)})"
     else:
         second = min(summary.duration for other, summary in succeeded.items() if other != name)
-        reason = f"first, in {end}, {number(second - soonest, 0.1)} s before the next"
+        reason = f"first, in {end}, {format_number(second - soonest, 0.1)} s before the next"
     return Recommended(name, f"{headline} {reason}")

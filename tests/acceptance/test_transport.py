@@ -10,7 +10,7 @@ import yaml
 
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.logs.verdicts import signal
+from psmpc_cli.logs.verdicts import monitored_signal
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
@@ -127,7 +127,7 @@ def test_smpc_opens_the_grippers_early_and_fails(log_of: Callable[[str], Run]) -
     assert not smpc.monitors[0].held
     log, monitor = log_of("smpc"), load_task("transport").spec.monitors[0]
     during = log["window/first"] == 2
-    opening_from = log.time[during][np.argmin(signal(monitor, log)[during])]
+    opening_from = log.time[during][np.argmin(monitored_signal(monitor, log)[during])]
     assert ends(smpc)["transport"] - opening_from > 1.0
 
 

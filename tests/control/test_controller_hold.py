@@ -42,4 +42,4 @@ def test_the_inspection_succeeds(experiment_of: Build, solver: str, kind: str) -
     assert ending.completed
     assert not any("solve_failed" in sample.command.events for sample in samples)
     last = experiment.problem.stages[-1]
-    assert np.abs(experiment.problem.costs.errors(last, ending.true[None])[0, 3:]).max() < np.radians(0.5) + 1e-5
+    assert np.abs(experiment.problem.costs.errors(last, ending.true_state[None])[0, 3:]).max() < np.radians(0.5) + 1e-5

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.logs.numbers import DIGITS, number, quantiles, with_unit
+from psmpc_cli.logs.numbers import DIGITS, format_number, format_quantiles, with_unit
 
 
 @pytest.mark.parametrize(
@@ -31,14 +31,14 @@ from psmpc_cli.logs.numbers import DIGITS, number, quantiles, with_unit
     ],
 )
 def test_a_number_has_the_digits_that_mean_something(value: float, resolution: float, text: str) -> None:
-    assert number(value, resolution) == text
+    assert format_number(value, resolution) == text
 
 
 @given(st.floats(-1e12, 1e12, allow_subnormal=False), st.sampled_from([0.0, 1e-3, 0.5, 100.0]))
 def test_a_written_number_is_the_number_up_to_its_resolution(value: float, resolution: float) -> None:
     """Half of the last digit is at most half of the resolution, or of the last of `DIGITS` digits."""
     tolerance = max(resolution, 10.0 ** (1 - DIGITS) * abs(value)) / 2
-    assert float(number(value, resolution)) == pytest.approx(value, rel=1e-9, abs=tolerance)
+    assert float(format_number(value, resolution)) == pytest.approx(value, rel=1e-9, abs=tolerance)
 
 
 def test_units_stand_behind_numbers_that_have_one() -> None:
@@ -48,9 +48,9 @@ def test_units_stand_behind_numbers_that_have_one() -> None:
 
 def test_quantiles_of_few_draws_have_few_digits() -> None:
     draws = np.random.default_rng(0).normal(1176.55, 80.0, 4000)
-    assert quantiles(draws[:3], (0.5,)) == ("1190",)
-    assert quantiles(1e3 * draws[:3], (0.5,)) == ("1190000",)
-    assert quantiles(np.array([28.01, 31.2, 45.3]), (0.5,)) == ("31",)
-    assert quantiles(np.array([28.01, 131.2, 1145.3]), (0.5,)) == ("100",)
-    assert quantiles(np.zeros(0), (0.05, 0.5)) == ("-", "-")
-    assert quantiles(np.full(3, 31.2345), (0.5,)) == ("31.2",)
+    assert format_quantiles(draws[:3], (0.5,)) == ("1190",)
+    assert format_quantiles(1e3 * draws[:3], (0.5,)) == ("1190000",)
+    assert format_quantiles(np.array([28.01, 31.2, 45.3]), (0.5,)) == ("31",)
+    assert format_quantiles(np.array([28.01, 131.2, 1145.3]), (0.5,)) == ("100",)
+    assert format_quantiles(np.zeros(0), (0.05, 0.5)) == ("-", "-")
+    assert format_quantiles(np.full(3, 31.2345), (0.5,)) == ("31.2",)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.figures.coordinates import plot_errors, plot_forces, plot_states
-from psmpc_cli.logs.numbers import number
+from psmpc_cli.logs.numbers import format_number
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.report.texts import measure_rows
@@ -70,7 +70,7 @@ def test_joints_that_slide_have_peaks_of_their_own(sliding: Run) -> None:
     assert {limit.coordinate: limit.unit for limit in summary.limits} == {"arm.2": "m", "arm.1": "rad/s"}
     rows = dict(measure_rows(summary))
     assert rows["largest force, acceleration of a sliding joint"].startswith(
-        f"{number(summary.peaks['sliding_force'])} N / "
+        f"{format_number(summary.peaks['sliding_force'])} N / "
     )
 
 

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.logs.summary import variation
+from psmpc_cli.logs.summary import variation_by_group
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.report.pages import report_run
 from psmpc_cli.report.texts import describe_forces, describe_mission, describe_verdict, measure_rows, warnings_of
@@ -490,7 +490,7 @@ CONTROLS = arrays(float, (6, 5), elements=st.floats(-9, 9))
 
 
 def by_group(u: np.ndarray) -> np.ndarray:
-    return np.array(variation(np.abs(np.diff(u, axis=0)).sum(axis=0), COORDINATES))
+    return np.array(variation_by_group(np.abs(np.diff(u, axis=0)).sum(axis=0), COORDINATES))
 
 
 def test_the_variation_is_summed_by_group() -> None:
@@ -498,7 +498,7 @@ def test_the_variation_is_summed_by_group() -> None:
     u[1] = [1, -2, 3, 4, -5]
     np.testing.assert_array_equal(by_group(u), [6, 6, 18, 0])
     changes = np.abs(np.diff(u, axis=0)).sum(axis=0)
-    assert variation(changes, COORDINATES, sliding=["arm_1.2"]) == (6, 6, 8, 10)
+    assert variation_by_group(changes, COORDINATES, sliding=["arm_1.2"]) == (6, 6, 8, 10)
 
 
 @given(CONTROLS, st.floats(0.1, 10))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.logs.verdicts import Arrays, Verdict, judge_monitor, signal
+from psmpc_cli.logs.verdicts import Arrays, Verdict, judge_monitor, monitored_signal
 from psmpc_cli.report.texts import describe_verdict
 from psmpc_cli.specs.task import MonitorSpec
 
@@ -97,14 +97,14 @@ def test_a_signal_that_is_not_a_number_breaks_its_bound() -> None:
 
 def test_distance_of_one_frame_is_to_the_base() -> None:
     log = log_of([2, 2], base=[(1.0, 1.0), (1.0, 1.0)], arm_1=[(4.0, 5.0), (1.0, 3.0)])
-    assert signal(monitor({"at_most": 1.0}, of=["arm_1"]), log).tolist() == [5.0, 2.0]
+    assert monitored_signal(monitor({"at_most": 1.0}, of=["arm_1"]), log).tolist() == [5.0, 2.0]
 
 
 def test_speed_is_that_of_the_fastest_frame() -> None:
     still, moving = [(0.0, 0.0)] * 3, [(0.0, 0.0), (0.3, 0.4), (0.6, 0.8)]
     log = log_of([2, 2, 2], arm_1=still, arm_2=moving)
-    assert signal(monitor({"at_most": 1.0}, "speed", ["arm_1"]), log).tolist() == [0.0] * 3
-    assert signal(monitor({"at_most": 1.0}, "speed", ["arm_1", "arm_2"]), log) == pytest.approx([1.0] * 3)
+    assert monitored_signal(monitor({"at_most": 1.0}, "speed", ["arm_1"]), log).tolist() == [0.0] * 3
+    assert monitored_signal(monitor({"at_most": 1.0}, "speed", ["arm_1", "arm_2"]), log) == pytest.approx([1.0] * 3)
 
 
 @given(st.lists(st.floats(0, 10), min_size=1, max_size=8), st.floats(0, 10), st.floats(0, 3))

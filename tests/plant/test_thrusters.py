@@ -168,8 +168,8 @@ def test_firings_are_counted_where_they_begin() -> None:
     counts = []
     for push in (20.0, 20.0, 10.0, 0.0, 20.0):
         wanted = np.array([push, 0, 0])
-        fires.begin(wanted)
-        fires.pass_ticks(np.tile(wanted, (10, 1)), is_pushed=True)
+        fires.begin_period(wanted)
+        fires.record_ticks(np.tile(wanted, (10, 1)), is_pushed=True)
         counts.append(fires.end_sample().firings[:2].tolist())
     assert counts == [[1, 1], [0, 0], [1, 1], [0, 0], [1, 1]]
 
@@ -314,24 +314,24 @@ def test_a_period_begins_where_the_law_begins_to_count_with_a_load() -> None:
     ]
     fires = ThrusterFiring(Thrusters.of(pushers), 100, 0.01)
     half, whole = np.array([10.0, 0, 0]), np.array([20.0, 0, 0])
-    fires.begin(half)  # pulses from tick 25 to 75
-    fires.pass_ticks(np.tile(half, (40, 1)), is_pushed=True)
-    fires.count_with_load(False)
+    fires.begin_period(half)  # pulses from tick 25 to 75
+    fires.record_ticks(np.tile(half, (40, 1)), is_pushed=True)
+    fires.end_period_if_load_changed(False)
     assert fires.ticks_left == 60
-    fires.count_with_load(True)
-    span = fires.span(None, 40, 200)
+    fires.end_period_if_load_changed(True)
+    span = fires.next_span(None, 40, 200)
     assert span.begins and (span.first, span.last) == (40, 100)
-    fires.begin(whole)
-    fires.pass_ticks(np.tile(whole, (60, 1)), is_pushed=True)
+    fires.begin_period(whole)
+    fires.record_ticks(np.tile(whole, (60, 1)), is_pushed=True)
     sample = fires.end_sample()
     assert sample.thrusts[40:75, :2].all()
     np.testing.assert_allclose(sample.owed + sample.refused + sample.impulses @ fires.thrusters.wrenches.T, [16, 0, 0])
-    assert fires.span(None, 0, 200).ticks == slice(0, 100)
+    assert fires.next_span(None, 0, 200).ticks == slice(0, 100)
     # too little is left for a shortest pulse
-    fires.begin(half)
-    fires.pass_ticks(np.tile(half, (90, 1)), is_pushed=True)
-    fires.count_with_load(False)
-    assert fires.span(None, 90, 300).ticks == slice(90, 200)
+    fires.begin_period(half)
+    fires.record_ticks(np.tile(half, (90, 1)), is_pushed=True)
+    fires.end_period_if_load_changed(False)
+    assert fires.next_span(None, 90, 300).ticks == slice(90, 200)
 
 
 def test_pulses_do_not_jerk_the_joints_of_hands_that_hold_a_load() -> None:

@@ -52,7 +52,7 @@ def test_draws_stay_within_their_ranges_by_part_and_fill_them(model: RobotModel)
 
 
 def test_without_ranges_the_robot_is_the_nominal_one(model: RobotModel) -> None:
-    drawn = draw_bodies(spec(), model.spec, 3).applied(model.nominal)
+    drawn = draw_bodies(spec(), model.spec, 3).true_parameters(model.nominal)
     np.testing.assert_array_equal(drawn.vector, model.nominal.vector)
 
 

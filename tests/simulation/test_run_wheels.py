@@ -152,7 +152,7 @@ def test_a_plan_knows_what_wheels_store(name: str, request: pytest.FixtureReques
         argument = np.asarray(rows.argument(window_numbers(window, solution.plan.switch_times)))
         most = rows.bounds(window)[1]
         ticks = np.arange(100 * sample, 100 * sample + 400, 100)
-        X = window.chart.entered(np.hstack([run["ticks/Q"][ticks], run["ticks/Qdot"][ticks]]))
+        X = window.chart.states_in_chart(np.hstack([run["ticks/Q"][ticks], run["ticks/Qdot"][ticks]]))
         (values,) = rows.functions.value(X, argument, rows=len(X))
         by_state = values / most * wheels.momentum
         np.testing.assert_allclose(by_state @ wheels.axes.T, stored[ticks] @ wheels.axes.T, rtol=0, atol=1e-9)

@@ -9,7 +9,7 @@ from threading import Timer
 import pytest
 
 from psmpc_cli.errors import deferred_signals
-from psmpc_cli.solvers.bounded import LONGEST_CALL, BoundedCalls
+from psmpc_cli.solvers.bounded import LONGEST_CALL, BoundedCalls, processor_time
 
 
 def never_returns() -> None:
@@ -52,6 +52,17 @@ def test_a_copy_ends_with_what_it_answers_for() -> None:
 def test_a_call_raises_what_the_function_does() -> None:
     with pytest.raises(ValueError, match="found -1, expected 1"):
         BoundedCalls(fails)(LONGEST_CALL)
+
+
+def test_processor_time_has_that_of_the_calls() -> None:
+    def work(seconds: float) -> None:
+        until = time.process_time() + seconds
+        while time.process_time() < until:
+            pass
+
+    before = processor_time()
+    BoundedCalls(work)(LONGEST_CALL, 0.2)
+    assert processor_time() - before >= 0.2
 
 
 def test_a_function_that_does_not_return_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -207,7 +207,7 @@ def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(
         assert (ticks.F[:, space.base] == 0.0).all()
         chart = command.plan.chart
         planned = command.plan.states_at(ticks.time[-1:])
-        reached = chart.entered(ticks.states[-1:])
+        reached = chart.states_in_chart(ticks.states[-1:])
         assert np.abs(reached - planned)[0, : space.n_twist].max() < 1e-3
         x = ticks.states[-1]
         time = float(ticks.time[-1])

@@ -69,7 +69,7 @@ def test_what_follows_from_the_state_is_what_plants_store(tmp_path: Path, build:
     u = 0.005 * np.sin(np.outer(np.arange(400) / 40, 1 + np.arange(model.n)))  # no motor is cut
     ticks = experiment.plant.advance(0.0, x, Setpoints(u))
     assert ticks.wheels is not None
-    X = model.space.chart_at(x[: model.nq]).entered(ticks.states)
+    X = model.space.chart_at(x[: model.nq]).states_in_chart(ticks.states)
     rows = wheel_momenta(model, load.kind)
     most = build_problem(task).stages[0].constraints["wheels 1"].high
     (stored,) = rows.value(X, argument, rows=len(X))

@@ -8,8 +8,9 @@
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
     python benchmarks/capture.py plants N F  rk4 and mujoco on the same N draws, under two controllers, strength F [N]
     python benchmarks/capture.py built_in    the built-in tasks that deliver an object, rk4 and mujoco
+    python benchmarks/capture.py speeds      by how much built-in tasks exceed limits of speed, by reserve
 
-N_s = 25 in every run. Rows are printed in order as their runs end.
+N_s = 25 in every run but those of the last, which are of tasks as shipped. Rows are printed in order as their runs end.
 """
 
 import math
@@ -22,10 +23,13 @@ from pages import command_line, markdown
 from scipy.stats import binomtest
 
 import psmpc_cli as psmpc
+from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.paper.reproduce import BARE_ROBOT
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.robots.robot import resolve_limits
 from psmpc_cli.studies.measures import motion_between_hands
 
 CARRY = {
@@ -247,5 +251,78 @@ def under_both_plants(task: str) -> Iterator[dict[str, object]]:
         }
 
 
+SPEED_TASKS = (
+    "transport_grasp",
+    "catch_drifting",
+    "catch_tumbling",
+    "servicing",
+    "capture_floating",
+    "capture_floating_servicer",
+    "capture_and_detumble",
+    "detumble_platform",
+    "thrust_and_reach",
+)
+"""The built-in tasks with objects that have a mass, and with thrusters on and off."""
+
+AFTER_CLOSING = 0.3
+"""For how long after grippers close or open speeds are not judged [s]: the grasps stop them at once."""
+
+LOWER = 0.95
+"""What an engineer without a reserve would make of the limits of speed."""
+
+
+def speeds() -> Iterator[str]:
+    """Yield the table of speeds beyond their limits: without a reserve, with one, and with lower limits by hand."""
+    return markdown(row for task in SPEED_TASKS for row in speeds_of(task))
+
+
+def speeds_of(task: str) -> Iterator[dict[str, object]]:
+    """Yield the rows of a task: the largest speed beyond a limit of the task as it is, and the end."""
+    without = psmpc.load_task(task, {"log.shares": False, "log.plans": False, "controller.speed_reserve": 0})
+    stages = build_problem(without).stages
+    by_hand = {f"limits.{part}.velocity": lower for part, lower in lower_limits(without).items()}
+    settings = {
+        "no reserve": {"controller.speed_reserve": 0},
+        "`speed_reserve: 3`": {"controller.speed_reserve": 3},
+        f"limits {100 * (1 - LOWER):.0f} % lower": {"controller.speed_reserve": 0} | by_hand,
+    }
+    for name, changes in settings.items():
+        run = psmpc.simulate(psmpc.load_task(task, {"log.shares": False, "log.plans": False, **changes}))
+        limit = np.array([stages[stage].limits.velocity_high for stage in run["window/first"]])
+        margin = run["margin/velocity"]
+        if name.startswith("limits"):  # judged by the task's own limits
+            stages_by_hand = run.problem.stages
+            margin = margin + limit - [stages_by_hand[stage].limits.velocity_high for stage in run["window/first"]]
+        excess = np.where(is_judged(run)[:, None], -margin / limit, 0.0)
+        summary = run.summary()
+        yield {
+            "task": task,
+            "setting": name,
+            "largest speed beyond its limit [%]": f"{100 * max(np.nanmax(excess), 0.0):.1f}",
+            "ends [s]": f"{summary.duration:.1f}" if summary.completed else summary.reason,
+            "failed solves": summary.failed_solves,
+        }
+
+
+def lower_limits(task: Task) -> dict[str, list[float]]:
+    """Return lower limits of the speeds of each part of a task's robot [m/s, rad/s], where all of them are limited."""
+    high = resolve_limits(task.robot, task.spec.limits).velocity_high
+    ends = np.cumsum(list(task.robot.parts.values()))
+    of_parts = dict(zip(task.robot.parts, np.split(high, ends), strict=False))
+    return {part: (LOWER * of_part).tolist() for part, of_part in of_parts.items() if np.isfinite(of_part).all()}
+
+
+def is_judged(run: psmpc.Run) -> np.ndarray:
+    """Tell of each sample (K,) whether no gripper has closed or opened soon before its end."""
+    judged = np.ones(len(run.time), bool)
+    if "grasp/closed_at" not in run:  # nothing is grasped
+        return judged
+    for name in ("grasp/closed_at", "grasp/opened_at"):
+        for at in run[name]:
+            end = run.time + run.task.spec.controller.sample_time
+            judged &= ~((end > at) & (run.time <= at + AFTER_CLOSING))
+    return judged
+
+
 if __name__ == "__main__":
-    command_line(held, unknown, ratio, known, strength, drifting, plants, built_in)
+    command_line(held, unknown, ratio, known, strength, drifting, plants, built_in, speeds)

@@ -60,6 +60,37 @@ def test_a_measurement_that_is_not_finite_changes_no_disturbance() -> None:
     np.testing.assert_allclose(estimate.disturbance, [0.0, 5.0, 0.0])
 
 
+def reserves(errors: list[float], noise: float = 0.0, grippers_moved: bool = False) -> list[float]:
+    """Return the reserve of a coordinate after samples over which its velocity changed by so much more than planned."""
+    spec = load_task("transport", {"controller.delay": 0, "controller.speed_reserve": 2}).spec.controller
+    estimating = Estimator(spec, PlanarSpace(0), np.ones(3, bool), np.r_[np.zeros(3), np.full(3, noise)], T / TICKS)
+    u = np.tile([0.3, 0.0, 0.0], (TICKS, 1))
+    v = np.zeros(3)
+    estimate = estimating.after_measurement(None, 0.0, State(np.zeros(3), v))
+    found = []
+    for k, error in enumerate(errors):
+        estimate, _ = estimating.command(estimate, u)
+        v = v + np.array([0.03 + error, 0.0, 0.0])
+        measured = State(np.zeros(3), v)
+        estimate = estimating.after_measurement(estimate, (k + 1) * T, measured, grippers_moved=grippers_moved)
+        found.append(float(estimate.speed_reserve[0]))
+    return found
+
+
+def test_the_reserve_of_speed_is_the_largest_error_of_late_times_the_factor() -> None:
+    np.testing.assert_allclose(reserves([0.0, 0.01, -0.002, 0.0, -0.05]), [0, 0.02, 0.019, 0.01805, 0.1], atol=1e-12)
+
+
+def test_neither_noise_nor_a_jump_as_grippers_move_asks_for_a_reserve() -> None:
+    assert reserves([0.004, -0.004], noise=1e-3) == [0.0, 0.0]
+    np.testing.assert_allclose(reserves([0.01], noise=1e-3), [2 * (0.01 - 3 * np.sqrt(2) * 1e-3)])
+    assert reserves([0.05], grippers_moved=True) == [0.0]
+
+
+def test_without_a_measurement_the_reserve_decays() -> None:
+    np.testing.assert_allclose(reserves([0.01, np.nan]), [0.02, 0.019])
+
+
 def test_without_delay_and_noise_the_measured_state_is_the_one_to_decide_from() -> None:
     state, estimating = State(np.zeros(3), np.ones(3)), estimator()
     estimate, _ = estimating.command(estimating.after_measurement(None, 0.0, state), np.ones((TICKS, 3)))

@@ -24,6 +24,7 @@ def recorded(task: str, *changes: str, knows_ticks: bool = True, is_simulated: b
         ("transport", ("controller.kind=htmpc",), {conditions.LEVELS}),
         ("transport", ("controller.kind=hard", "controller.one_stage=free_end"), {conditions.FREE_END}),
         ("transport", ("controller.offset_free=true",), {conditions.DISTURBANCE}),
+        ("transport", ("controller.speed_reserve=3",), {conditions.SPEED_RESERVE}),
         ("transport", ("uncertainty.mass=0.1",), {conditions.UNCERTAIN}),
         ("transport", ("uncertainty.noise.position=1e-3",), {conditions.UNCERTAIN, conditions.TRUE_STATE}),
         (

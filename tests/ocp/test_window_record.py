@@ -79,6 +79,21 @@ def test_what_was_applied_before_is_recorded_where_changes_of_acceleration_count
     assert_same(read_window(problem, frame, record_of(window)), window)
 
 
+def test_a_reserve_of_speed_is_recorded_as_the_stages_of_the_window_had_it() -> None:
+    problem = build_problem(load_task("transport", {"controller.nodes": 12, "controller.speed_reserve": 3}))
+    x0 = np.linspace(-0.1, 0.1, 18)
+    reserve = np.linspace(0.0, 0.02, 18).reshape(2, 9)
+    stages = tuple(stage.unplaced_copy().with_speed_reserve(reserve) for stage in problem.stages[:2])
+    window = window_over(stages, x0, IDENTITY)
+    read = read_window(
+        problem, WindowFrame(window.indices, window.nodes, window.start, x0[:9], x0[9:]), record_of(window)
+    )
+    assert_same(read, window)
+    for found, expected in zip(read.stages, window.stages, strict=True):
+        np.testing.assert_array_equal(found.limits.velocity_low, expected.limits.velocity_low)
+        np.testing.assert_array_equal(found.limits.velocity_high, expected.limits.velocity_high)
+
+
 @pytest.mark.parametrize("planned", [True, False])
 def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: bool) -> None:
     task = load_task("catch_drifting", {"controller.nodes": 12, "controller.kind": "psmpc" if planned else "hard"})

@@ -1,16 +1,26 @@
 """Spatial robots from files: through a URDF, in our own keys, and what is wrong with either."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.geometry import PlacedShape, ShapeSpec
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.specs.parts import QUANTITIES
-from psmpc_cli.specs.robots.robot import PartLimits, RobotSpec, SpatialRobot, inertia_without_wheels, resolve_limits
+from psmpc_cli.specs.robots.robot import (
+    Limits,
+    PartLimits,
+    RobotSpec,
+    SpatialRobot,
+    inertia_without_wheels,
+    resolve_limits,
+)
 
 SERVICER = (Path(__file__).parents[3] / "robots" / "dual_arm_servicer.urdf").read_text()
 
@@ -360,3 +370,39 @@ def test_the_inertia_of_a_base_without_its_wheels(tmp_path: Path) -> None:
     path.write_text(TURNED_ALONG_ONE_AXIS.replace("[0, 0, 2]", "[1, 1, 0]"))
     expected = (0.195, 0.195, 0.2, -0.005, 0.0, 0.0)
     assert inertia_without_wheels(load_robot(path)) == pytest.approx(expected, abs=1e-15)
+
+
+@given(
+    wanted=st.floats(0.0, 1.0),
+    v=st.floats(-0.15, 0.15),
+    limit=st.sampled_from([0.15, np.inf]),
+    acceleration=st.sampled_from([0.5, np.inf]),
+)
+def test_a_robot_that_brakes_gently_keeps_limits_with_a_reserve_of_speed(
+    wanted: float, v: float, limit: float, acceleration: float
+) -> None:
+    limits = limits_of_speed(limit, acceleration)
+    reserve = limits.speed_reserve(np.full(9, wanted), np.full(9, v), sample_time=0.1)
+    assert ((reserve >= 0) & (reserve <= min(wanted, 0.2 * limit))).all()
+    tightened = limits.with_speed_reserve(reserve)
+    braked = v - np.clip(v, -0.05 * acceleration * 0.1, 0.05 * acceleration * 0.1)
+    assert (tightened.velocity_low <= braked + 1e-15).all()
+    assert (braked - 1e-15 <= tightened.velocity_high).all()
+
+
+def test_a_speed_that_was_not_measured_or_is_beyond_its_limit_leaves_no_reserve() -> None:
+    limits = limits_of_speed(0.15, 0.5)
+    v = np.r_[np.nan, 0.2, -0.2, np.zeros(6)]
+    raised, lowered = limits.speed_reserve(np.full(9, 0.01), v, sample_time=0.1)
+    np.testing.assert_array_equal(raised[:3], [0.0, 0.01, 0.0])
+    np.testing.assert_array_equal(lowered[:3], [0.0, 0.0, 0.01])
+
+
+def limits_of_speed(limit: float, acceleration: float) -> Limits:
+    """Return limits of nine coordinates of which speed and acceleration are limited so."""
+    bounds = {"velocity": limit, "acceleration": acceleration}
+    return replace(
+        resolve_limits(load_task("transport").robot),
+        **{f"{quantity}_low": np.full(9, -high) for quantity, high in bounds.items()},
+        **{f"{quantity}_high": np.full(9, high) for quantity, high in bounds.items()},
+    )

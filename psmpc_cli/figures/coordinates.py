@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import label_row, runs_of, timeline
+from psmpc_cli.figures.timeline import label_row, runs_as_list, timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.summary import FAR_BEYOND
 from psmpc_cli.ocp.problem import Problem, in_own_chart
@@ -89,8 +89,8 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     Of one run it also shows what the controller saw of them. In space the attitude is a rotation vector, beside the
     angle to the attitude the current stage aims at [rad], where it aims at one.
     """
-    curves = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs_of(runs)]
-    seen = (SEEN, _in_vectors(runs, runs.motion.Q_seen)) if isinstance(runs, Run) else None
+    curves = [(run.motion.time, _unrolled_coordinates(run, run.motion.Q)) for run in runs_as_list(runs)]
+    seen = (SEEN, _unrolled_coordinates(runs, runs.motion.Q_seen)) if isinstance(runs, Run) else None
     return _plot_quantity(runs, POSITION, ANGLE, curves, seen)
 
 
@@ -165,7 +165,7 @@ def along_base_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarr
     return np.column_stack(model.space.along_base_axes(Q.T, F.T))
 
 
-def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
+def _unrolled_coordinates(run: Run, Q: np.ndarray) -> np.ndarray:
     """Return coordinates (K, nq) as (K, n), the attitude in space as a rotation vector that is continuous over time."""
     return run.problem.model.space.unrolled(Q)
 
@@ -184,7 +184,7 @@ def attitude_error(run: Run) -> np.ndarray:
         stage = run.followed(span)
         in_span = (motion.time >= span.start) & (motion.time <= span.end)
         if in_span.any() and stage.relevant_rows[attitude].any():
-            errors = _errors(run.problem, stage, motion.Q[in_span], motion.time[in_span] - span.start)
+            errors = _stage_errors(run.problem, stage, motion.Q[in_span], motion.time[in_span] - span.start)
             angle[in_span] = np.linalg.norm(errors[:, attitude], axis=1)
             if span.index > 0:
                 angle[np.flatnonzero(in_span)[0]] = np.nan
@@ -201,7 +201,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     """
     model = next(iter(runs.values())).problem.model
     labelled_rows: list[tuple[str, int]] = []
-    states = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs.values()]
+    states = [(run.motion.time, _unrolled_coordinates(run, run.motion.Q)) for run in runs.values()]
     for panel in panels_that_vary(model, coordinate_panels(model, POSITION, ANGLE), [Q for _, Q in states]):
         quantity = "attitude " if panel.quantity == "attitude" else ""
         for row, label in zip(panel.rows, panel.labels, strict=True):
@@ -254,13 +254,13 @@ def _plot_quantity(
         heading: What is written above the figure.
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
-    model = runs_of(runs)[0].problem.model
+    model = runs_as_list(runs)[0].problem.model
     panels = coordinate_panels(model, linear, angular, of_base_position)
     panels = panels_that_vary(model, panels, [values for _, values in curves])
     labels = [label for panel in panels for label in (*panel.labels, *[TO_TARGET] * (panel.quantity == "attitude"))]
     figure, grid = timeline(runs, len(panels), PANEL_HEIGHT, beside=labels)
     for row_of_axes, panel in zip(grid, panels, strict=True):
-        for axes, run, (time, all_values) in zip(row_of_axes, runs_of(runs), curves, strict=True):
+        for axes, run, (time, all_values) in zip(row_of_axes, runs_as_list(runs), curves, strict=True):
             values = all_values[:, panel.rows]
             for i, label in enumerate(panel.labels):
                 axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **style.line_look(i))
@@ -273,14 +273,16 @@ def _plot_quantity(
             if panel.quantity == "attitude" and np.isfinite(angle := attitude_error(run)).any():
                 axes.plot(time, angle, label=TO_TARGET, color="black", linewidth=0.8)
 
-        note = style.show_beside_peaks(row_of_axes[0], np.vstack([values[:, panel.rows] for _, values in curves]))
-        label_row(row_of_axes, _label_of(panel), note)
+        note = style.use_symlog_if_peaks_hide_rest(
+            row_of_axes[0], np.vstack([values[:, panel.rows] for _, values in curves])
+        )
+        label_row(row_of_axes, _axis_label(panel), note)
     if heading:
         figure.suptitle(heading)
     return style.finish(figure)
 
 
-def _label_of(panel: CoordinatePanel) -> str:
+def _axis_label(panel: CoordinatePanel) -> str:
     """Write part, quantity and unit in as few lines, two at least, as are shorter than a panel is high."""
     unit = f"({panel.unit})"
     for lines in ((f"{panel.part} {panel.quantity}", unit), (panel.part, f"{panel.quantity} {unit}")):
@@ -304,10 +306,10 @@ def coordinate_panels(
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
     panels = _panels_of_parts(model, linear, angular, of_base_position)
-    return [divided_panel for panel in panels for divided_panel in _divided(panel)]
+    return [divided_panel for panel in panels for divided_panel in _split_if_crowded(panel)]
 
 
-def _divided(panel: CoordinatePanel) -> Iterator[CoordinatePanel]:
+def _split_if_crowded(panel: CoordinatePanel) -> Iterator[CoordinatePanel]:
     """Divide a panel into some of about as many lines each, none with more than can be told apart."""
     for places in np.array_split(np.arange(len(panel.rows)), -(-len(panel.rows) // MOST_LINES)):
         rows = [panel.rows[place] for place in places]
@@ -428,7 +430,7 @@ def plot_errors(run: Run) -> Figure:
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST_ERROR))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        label_row([axes], labels[angular], style.notes(kinds_of_error[angular], style.better("down")))
+        label_row([axes], labels[angular], style.join_notes(kinds_of_error[angular], style.better_side("down")))
     return style.finish(figure)
 
 
@@ -453,7 +455,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
         time = np.r_[span.start, motion.time[in_span], span.end]
         stage = run.followed(span)
         Q = np.array([motion.coordinates_at(t) for t in time])
-        errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
+        errors = np.abs(_stage_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end.rows, stage.end.tolerance, strict=True))
 
         first_row = 0
@@ -471,7 +473,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
             first_row += len(axes)
 
 
-def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
+def _stage_errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Compute a stage's errors (K, rows) at coordinates (K, nq), at times since its start (K,) [s].
 
     In space every attitude has a chart of its own, and of a target's two quaternions the nearer one counts.

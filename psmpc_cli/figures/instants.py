@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.figures import style
 from psmpc_cli.figures.coordinates import LIMIT_DISTANCE
-from psmpc_cli.figures.timeline import label_row, leave_out, runs_of, timeline
+from psmpc_cli.figures.timeline import label_row, hide_panels, runs_as_list, timeline
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -61,12 +61,12 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     Args:
         runs: A run, or several by controller.
     """
-    deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_of(runs)]
+    deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_as_list(runs)]
     has_switch = [bool(np.isfinite(deviation).any()) for deviation in deviations]
     rows = 2 if any(has_switch) else 1
-    unit, in_unit = _unit_of(deviations)
+    unit, in_unit = _unit_of_deviations(deviations)
     figure, grid = timeline(runs, rows, 1.5, beside=LEVELS_OF_SWITCHES, stage_look=_color_of_stage)
-    for column, run, deviation in zip(grid.T, runs_of(runs), deviations, strict=True):
+    for column, run, deviation in zip(grid.T, runs_as_list(runs), deviations, strict=True):
         main_panel = column[0]
         ends = run.motion.time[[0, -1]]
         horizon = run.task.spec.controller.horizon
@@ -89,16 +89,20 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
         main_panel.plot(switch_time, switch_time, "o", label="_actual switch", **look)
         for axes in column[1:]:
             axes.axhline(0.0, **style.LEVEL)
-    grid[0, 0].set_ylim(bottom=min(run.motion.time[0] for run in runs_of(runs)))  # runs share it: once all are drawn
-    label_row(grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_of(runs))) else NOTHING_PLANNED)
+    grid[0, 0].set_ylim(
+        bottom=min(run.motion.time[0] for run in runs_as_list(runs))
+    )  # runs share it: once all are drawn
+    label_row(
+        grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_as_list(runs))) else NOTHING_PLANNED
+    )
     if rows == 2:
-        note = style.show_beside_peaks(grid[1, 0], in_unit * np.vstack(deviations))
+        note = style.use_symlog_if_peaks_hide_rest(grid[1, 0], in_unit * np.vstack(deviations))
         label_row(grid[1], f"Planned minus\nactual ({unit})", note)
-        leave_out(grid, 1, [column for column, is_there in enumerate(has_switch) if not is_there])
+        hide_panels(grid, 1, [column for column, is_there in enumerate(has_switch) if not is_there])
     return style.finish(figure)
 
 
-def _unit_of(deviations: Sequence[np.ndarray]) -> tuple[str, float]:
+def _unit_of_deviations(deviations: Sequence[np.ndarray]) -> tuple[str, float]:
     """Return the unit in which deviations [s] are drawn, and how many of it make a second."""
     largest = max(float(np.nanmax(np.abs(each), initial=0.0)) for each in deviations)
     return ("s", 1.0) if largest > 1.0 else ("ms", 1e3)
@@ -119,18 +123,18 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     Args:
         runs: A run, or several by controller.
     """
-    shares = {"weighted cost": [cost_shares(run) for run in runs_of(runs)]}
-    logged = [run["window/share"] for run in runs_of(runs)]
+    shares = {"weighted cost": [cost_shares(run) for run in runs_as_list(runs)]}
+    logged = [run["window/share"] for run in runs_as_list(runs)]
     if any(np.isfinite(values).any() for values in logged):
         shares["applied control"] = logged
     figure, grid = timeline(runs, len(shares), 1.2, shaded=False, stage_look=_pattern_of_stage)
     for panels, (shared, shares_of_runs) in zip(grid, shares.items(), strict=True):
-        for axes, run, values in zip(panels, runs_of(runs), shares_of_runs, strict=True):
+        for axes, run, values in zip(panels, runs_as_list(runs), shares_of_runs, strict=True):
             _stack_shares(axes, run, values)
             if not np.isfinite(values).any(axis=1).all():
                 axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
         panels[0].set_ylabel(f"Share in the\n{shared} (%)")
-    switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_of(runs))
+    switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_as_list(runs))
     if switched_off:
         figure.suptitle(NOT_LOGGED)
     return style.finish(figure)
@@ -207,11 +211,11 @@ def plot_solve_time(run: Run) -> Figure:
     above.margins(y=0.1)
     below.set_ylabel("Iterations of\nthe solve (1)")
     below.margins(y=0.1)
-    below.set_title(style.show_beside_peaks(below, iterations))
+    below.set_title(style.use_symlog_if_peaks_hide_rest(below, iterations))
     if below.get_yscale() == "linear":
         below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     below.set_ylim(bottom=0)
-    label_row(grid[0], "Solve time\n(ms)", style.better("down", "sooner"))
+    label_row(grid[0], "Solve time\n(ms)", style.better_side("down", "sooner"))
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall_time, limit)), (below, iterations)):
@@ -239,7 +243,11 @@ def plot_grasps(run: Run) -> Figure:
         if is_near:
             axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
         strength_note = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
-        label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})", style.notes(strength_note, style.better("down")))
+        label_row(
+            [axes],
+            f"{load.capitalize()} on a\ngrasp ({unit})",
+            style.join_notes(strength_note, style.better_side("down")),
+        )
     return style.finish(figure)
 
 
@@ -293,7 +301,7 @@ def plot_wheels(run: Run) -> Figure:
                 continue
             for bound in (-limit, limit):
                 axes.axhline(bound, label=f"_limits, {limit:g} {unit} both ways", **style.LEVEL)
-        label_row([axes], f"{label}\n({unit})", style.notes(*notes))
+        label_row([axes], f"{label}\n({unit})", style.join_notes(*notes))
     return style.finish(figure)
 
 
@@ -403,6 +411,6 @@ def plot_clearance(run: Run) -> Figure:
     label_row(
         [axes],
         "Smallest distance\nover a sample (mm)",
-        style.notes(note if pairs.n_others else "", style.better("up", "safer")),
+        style.join_notes(note if pairs.n_others else "", style.better_side("up", "safer")),
     )
     return style.finish(figure)

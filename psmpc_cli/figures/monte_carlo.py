@@ -38,7 +38,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
             axes.fill_between(time_after_median, low, high, step="post", label=f"_{INTERVAL}", **band)
     axes.locator_params(axis="x", nbins=5)
     axes.set_ylim(-0.04, 1.04)
-    style.panel_legend(axes, style.better("left", "sooner"), title="Stage, median of its end")
+    style.panel_legend(axes, style.better_side("left", "sooner"), title="Stage, median of its end")
     low, high = (100 * bound for bound in runs.interval)
     rate = f"{runs.succeeded.sum()} of {n_runs} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
     figure.suptitle(rate)
@@ -47,38 +47,42 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredQuantity:
-    """What is measured of every run and has a panel.
+    """A quantity that is measured of every run and has a panel of its own.
 
     Attributes:
         label: The label of its axis.
         values: Values by name (runs,), NaN where they are not known.
         level: The level that counts.
-        of_level: What this level is.
+        level_label: What this level is.
         better: Where values are better, up or down, in an arrow and a word.
     """
 
     label: str
     values: Mapping[str, np.ndarray]
     level: float
-    of_level: str
+    level_label: str
     better: str
 
     @property
-    def every(self) -> np.ndarray:
+    def all_values(self) -> np.ndarray:
         """All values (names, runs)."""
         return np.array(list(self.values.values()))
 
 
-def measured(runs: MonteCarloRuns) -> list[MeasuredQuantity]:
+def measured_quantities(runs: MonteCarloRuns) -> list[MeasuredQuantity]:
     """List the quantities of random runs that have a panel: those of which some run has a value.
 
     These are the final error [tolerances], the margins to limits [%], and the margins of monitors, by unit.
     """
     margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
-    safer = style.better("up", "safer")
+    safer = style.better_side("up", "safer")
     quantities = [
         MeasuredQuantity(
-            "Final error\n(tolerances)", {"": runs["final_error"]}, 1.0, "tolerance", style.better("down", "closer")
+            "Final error\n(tolerances)",
+            {"": runs["final_error"]},
+            1.0,
+            "tolerance",
+            style.better_side("down", "closer"),
         ),
         MeasuredQuantity("Tightest margin\n(% of the limit)", margins, 0.0, "limit", safer),
     ]
@@ -90,12 +94,12 @@ def measured(runs: MonteCarloRuns) -> list[MeasuredQuantity]:
             if unit_of_monitor == unit
         }
         quantities.append(MeasuredQuantity(f"Margin of monitor\n({unit})", monitored, 0.0, "bound", safer))
-    return [quantity for quantity in quantities if np.isfinite(quantity.every).any()]
+    return [quantity for quantity in quantities if np.isfinite(quantity.all_values).any()]
 
 
-def has_measured(runs: MonteCarloRuns) -> bool:
+def has_measured_quantities(runs: MonteCarloRuns) -> bool:
     """Tell whether anything is measured of any run."""
-    return len(measured(runs)) > 0
+    return len(measured_quantities(runs)) > 0
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
@@ -103,7 +107,7 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
 
     Failed runs are ringed, or crosses on the lower edge where they have no values.
     """
-    panels = measured(runs)
+    panels = measured_quantities(runs)
     figure, all_axes = style.stack([panel.label for panel in panels], [1.1] * len(panels), "Seed of the run (1)")
     seed = runs["seed"]
     failed = runs.failed
@@ -114,16 +118,16 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
             axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label="_"))
         axes.axhline(panel.level, label="_", **style.LEVEL)
         axes.margins(y=0.12)
-        note = style.show_beside_peaks(axes, panel.every)
-        if not note and (panel.every >= 0).all():
+        note = style.use_symlog_if_peaks_hide_rest(axes, panel.all_values)
+        if not note and (panel.all_values >= 0).all():
             axes.set_ylim(bottom=0.0)
-        has_value = np.isfinite(panel.every).any(axis=0)
+        has_value = np.isfinite(panel.all_values).any(axis=0)
         if (failed & has_value).any():
             axes.plot([], [], **style.look("ring around a failed run", label="failed"))
         if (without_value := seed[failed & ~has_value]).size:  # along the lower edge
             look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
             axes.plot(without_value, np.zeros(len(without_value)), **look)
-        axes.plot([], [], label=panel.of_level, **style.LEVEL)
-        style.panel_legend(axes, style.notes(panel.better, note))
+        axes.plot([], [], label=panel.level_label, **style.LEVEL)
+        style.panel_legend(axes, style.join_notes(panel.better, note))
     all_axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return style.finish(figure)

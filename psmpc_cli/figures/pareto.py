@@ -12,7 +12,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.fronts import CONSTRAINED, WEIGHTED, front_points
 
-WIDE = 30.0
+WIDEST_LINEAR_RATIO = 30.0
 """A linear panel shows numbers that differ by so many times at most."""
 
 FRONT_LOOK: Any = {"linewidth": 0.9, "markersize": 2.2}
@@ -52,7 +52,7 @@ def plot_fronts(results: Results) -> Figure:
     largest = np.nanmax(all_costs, axis=0)
     is_positive = bool(np.all(smallest > 0))
     is_large = np.zeros(len(samples), bool) if is_positive else _large_fronts(samples)
-    panels = 2 if is_large.any() or (is_positive and np.any(largest > WIDE * smallest)) else 1
+    panels = 2 if is_large.any() or (is_positive and np.any(largest > WIDEST_LINEAR_RATIO * smallest)) else 1
     figure, rows = style.stack([""] * panels, [1.9] * panels, "", sharex=False)
     first, second = map(style.readable, results["stage"].tolist())
     three_criteria = has_instant_criterion(results)
@@ -65,7 +65,7 @@ def plot_fronts(results: Results) -> Figure:
         for sample in shown.tolist():
             label = f"{results['instant'][sample]:.1f} s"
             label += "" if three_criteria else f": {results['hypervolume'][sample]:.3g} s$^2$"
-            _plot_sample(axes, samples[sample], sample, label)
+            _plot_fronts_of_sample(axes, samples[sample], sample, label)
         axes.plot(results["chosen_J_2"][shown], results["chosen_J_1"][shown], **_look_of_run_weights(results))
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
@@ -73,7 +73,7 @@ def plot_fronts(results: Results) -> Figure:
     if len(samples[0]) > 1:
         rows[0].plot([], [], "k+", label="_$J_2$ bounded")
     title = "Time of the sample, $T_0$" + ("" if three_criteria else ": hypervolume")
-    better = style.better("down and left")
+    better = style.better_side("down and left")
     left_out = ", ".join(f"{instant:.1f} s" for instant in results["instant"][is_large])
     second_note = f"  without {left_out}" if left_out else ""
     titles = (f"(a)  {better}", f"(b)  {better}{second_note}") if panels > 1 else (better,)
@@ -87,11 +87,13 @@ def _large_fronts(samples: Sequence[Sequence[tuple[np.ndarray, np.ndarray]]]) ->
     """Tell which fronts have costs so large that the typical one is not seen beside them (samples,); never all."""
     sizes = [np.abs(np.concatenate([J for J, _ in points])) for points in samples]
     extents = np.array([np.nanmax(each, axis=0, initial=0.0) for each in sizes])
-    is_large = np.any(extents > WIDE * np.median(extents, axis=0), axis=1)
+    is_large = np.any(extents > WIDEST_LINEAR_RATIO * np.median(extents, axis=0), axis=1)
     return np.zeros_like(is_large) if is_large.all() else np.asarray(is_large)
 
 
-def _plot_sample(axes: Axes, points_by_method: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:
+def _plot_fronts_of_sample(
+    axes: Axes, points_by_method: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str
+) -> None:
     """Plot the points of one sample: those of the first method joined, with arrows towards larger ratios of weights.
 
     Points of a second method are crosses without a line, dominated points are crossed out.
@@ -149,13 +151,13 @@ def plot_fronts_over_instant(results: Results) -> Figure:
     grid: Any = figure.subplots(rows, 3, subplot_kw={"projection": "3d"}, squeeze=False, height_ratios=[2.1] * rows)
     for i, axes in enumerate(grid.flat):
         if i < samples:
-            _plot_sample_over_instant(axes, results, i)
+            _plot_fronts_of_sample_over_instant(axes, results, i)
         else:
             axes.remove()
     return style.finish(figure)
 
 
-def _plot_sample_over_instant(axes: Any, results: Results, sample: int) -> None:
+def _plot_fronts_of_sample_over_instant(axes: Any, results: Results, sample: int) -> None:
     """Plot the fronts of one sample in three dimensions: instants held, the instant free, and the point of the run.
 
     Args:

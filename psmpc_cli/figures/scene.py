@@ -142,7 +142,7 @@ class Scene:
         posture_now = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.posture_after(model, posture_now, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)
-        positions, attitudes = asked_frames(model, placed_stage)
+        positions, attitudes = frames_with_targets(model, placed_stage)
         frames[~positions, :3, 3] = np.nan
         frames[~attitudes, :3, :3] = np.nan
         return frames
@@ -228,14 +228,16 @@ def points_with_shadows(
     Returns:
         The points (., 3) [m].
     """
-    body_points = _finite(np.vstack(bodies))
-    points = np.vstack([body_points, _finite(np.vstack([*others, np.zeros((0, 3))]))])
-    points = np.vstack([points, *(points_near(obstacle, time, points) for obstacle in obstacles for time in times)])
+    body_points = _finite_points(np.vstack(bodies))
+    points = np.vstack([body_points, _finite_points(np.vstack([*others, np.zeros((0, 3))]))])
+    points = np.vstack(
+        [points, *(nearby_points_of_obstacle(obstacle, time, points) for obstacle in obstacles for time in times)]
+    )
     lowest = points[:, 2].min(initial=np.inf)
     return np.vstack([points, np.c_[body_points[:, :2], np.full(len(body_points), lowest)]])
 
 
-def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
+def nearby_points_of_obstacle(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
     """Return points that show an obstacle as far as it is near others; none if it is not.
 
     One that is large or far away would leave no room for the robot in a view.
@@ -284,12 +286,12 @@ def capsules(model: RobotModel, pieces: Sequence[Piece], Q: np.ndarray) -> list[
     return [(in_inertial_frame(frames[piece.body], piece.ends), piece.shape.size[0]) for piece in pieces]
 
 
-def _finite(points: np.ndarray) -> np.ndarray:
+def _finite_points(points: np.ndarray) -> np.ndarray:
     """Return those of points (., 3) of which all coordinates are finite."""
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 
-def asked_frames(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
+def frames_with_targets(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
     """Tell of which frames of a robot a stage asks for the position, and of which for the attitude, to draw them.
 
     Targets of joints fix the pose of their end-effector only if the base has a target too. An arm that points at a
@@ -336,11 +338,11 @@ def scene_of(run: Run) -> Scene:
     if "grasp/lost" in run:
         lost = run["grasp/opened_at"][run["grasp/lost"] == 1]
         return Scene(run, taken, float(lost.min()) if len(lost) else left, len(lost) > 0)
-    opened = min((_opened(run, monitor) for monitor in run.task.spec.monitors), default=np.inf)
+    opened = min((_time_grippers_parted(run, monitor) for monitor in run.task.spec.monitors), default=np.inf)
     return Scene(run, taken, opened, True) if taken < opened < left else Scene(run, taken, left, False)
 
 
-def _opened(run: Run, monitor: MonitorSpec) -> float:
+def _time_grippers_parted(run: Run, monitor: MonitorSpec) -> float:
     """Find when a monitor first sees two grippers too far apart [s]; infinite if it does not."""
     if monitor.quantity != "distance" or len(monitor.of) != 2 or "base" in monitor.of:
         return np.inf
@@ -371,7 +373,7 @@ def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     frames = model.body_frames(Q)
     parts = [(tool.body, shape.grippers[arm]) for arm, tool in model.spec.tools.items()]
     parts += [(body, ends.reshape(-1, 3)) for body, ends in enumerate(shape.capsules)]
-    box = corners(frames[0] @ shape.box_frame, base_half(model))
+    box = corners(frames[0] @ shape.box_frame, base_half_edges(model))
     return np.vstack([box, *(in_inertial_frame(frames[body], points) for body, points in parts)])
 
 
@@ -380,7 +382,7 @@ def in_inertial_frame(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
 
 
-def base_half(model: RobotModel) -> np.ndarray:
+def base_half_edges(model: RobotModel) -> np.ndarray:
     """Return half the edges of the base's box as it is drawn (3,) [m]: flat in the plane."""
     return model.shape.box * [1, 1, model.dimension == 3]
 

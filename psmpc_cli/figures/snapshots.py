@@ -23,7 +23,7 @@ from psmpc_cli.figures.scene import (
     SIDE,
     Camera,
     Scene,
-    base_half,
+    base_half_edges,
     capsules,
     corners,
     half_edges,
@@ -44,7 +44,7 @@ from psmpc_cli.figures.solids import (
     draw_shadow,
     draw_shape,
 )
-from psmpc_cli.figures.timeline import runs_of
+from psmpc_cli.figures.timeline import runs_as_list
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility.posing import Posing, posings
 from psmpc_cli.ocp.feasibility.postures import configurations_at_stops
@@ -122,7 +122,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     """
     is_one_run = isinstance(runs, Run)
     names = [""] if isinstance(runs, Run) else [f"{style.literal(style.title_of(name))}\n" for name in runs]
-    scenes = [scene_of(run) for run in runs_of(runs)]
+    scenes = [scene_of(run) for run in runs_as_list(runs)]
     instants = [scene.key_instants() if is_one_run else scene.switches() for scene in scenes]
     most_panels = max(1, *map(len, instants))
     in_one_column = is_one_run and most_panels <= 10
@@ -138,17 +138,17 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     camera = scenes[0].camera
     extent = np.vstack([scene.extent(times_of_run) for scene, times_of_run in zip(scenes, times, strict=True)])
 
-    figure, grid = _panels(camera, extent, titles, columns, width)
+    figure, grid = _titled_panels(camera, extent, titles, columns, width)
     blocks = grid.reshape(len(scenes), -1)
     for block, scene, times_of_run, name in zip(blocks, scenes, times, names, strict=True):
         for axes, since, time in zip(block, times_of_run, times_of_run[1:], strict=False):
             draw_scene(axes, scene, time, since, extent)
         for axes in block[::columns]:
             axes.set_ylabel(f"{name}{axes.get_ylabel()}")
-    return style.finish(figure, describe(camera, extent, width))
+    return style.finish(figure, describe_view(camera, extent, width))
 
 
-def _panels(
+def _titled_panels(
     camera: Camera, extent: np.ndarray, titles: Sequence[str], columns: int, width: float
 ) -> tuple[Figure, np.ndarray]:
     """Make a figure with a grid of panels of the same view and scale, one for each title.
@@ -173,7 +173,7 @@ def _panels(
         if not title:
             axes.set_axis_off()
             continue
-        show(axes, camera, camera.view(extent))
+        set_view(axes, camera, camera.view(extent))
         axes.set_title("\n".join(fill(line, characters) for line in title.split("\n")))
         if number % columns:
             axes.set_ylabel("")
@@ -186,7 +186,7 @@ def _panels(
     return figure, grid
 
 
-def describe(camera: Camera, extent: np.ndarray | None = None, width: float = style.COLUMN) -> str:
+def describe_view(camera: Camera, extent: np.ndarray | None = None, width: float = style.COLUMN) -> str:
     """Describe from where a spatial scene is seen, and what lies under points (., 3), in lines of a width [in]."""
     if camera != OBLIQUE:
         return ""
@@ -223,16 +223,16 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
         axes.text(x, y, name, ha="center", va="center")
 
 
-def show(axes: Axes, camera: Camera, view: Bbox, width: float | None = None) -> None:
+def set_view(axes: Axes, camera: Camera, view: Bbox, width: float | None = None) -> None:
     """Set a panel's limits, with equal scales, labels and ticks, some six in a width [m], but two at least."""
     step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(0, width or view.width)[:2]))
     axes.set(xlim=view.intervalx, ylim=view.intervaly, aspect="equal")
     for axis, label in zip((axes.xaxis, axes.yaxis), camera.labels, strict=True):
         axis.set_label_text(label)
-        axis.set_major_locator(MultipleLocator(_step_of_two(*axis.get_view_interval(), step)))
+        axis.set_major_locator(MultipleLocator(_step_with_two_ticks(*axis.get_view_interval(), step)))
 
 
-def _step_of_two(low: float, high: float, step: float) -> float:
+def _step_with_two_ticks(low: float, high: float, step: float) -> float:
     """Return the step, or the first finer one of which two multiples at least are within the limits of an axis."""
     for part in FINER_STEPS:
         finer = step * part
@@ -324,7 +324,7 @@ def draw_robot(
     frames = model.body_frames(Q)
     arms = list(model.spec.arms)
     base_look = style.look("base", label=f"_{base}", alpha=alpha)
-    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half(model), base_look, 2.0)
+    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half_edges(model), base_look, 2.0)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
     for number, (body, frame) in enumerate(zip(model.spec.bodies, frames, strict=True)):
         arm = body.name.rpartition(".")[0]
@@ -419,7 +419,9 @@ def plot_robot(spec: RobotSpec) -> Figure:
     panel_widths = np.ptp(box, axis=0)[: model.dimension - 1]
     panels: dict[Any, Axes] = figure.subplot_mosaic(SCENE_LOOKS[model.dimension].views, width_ratios=panel_widths)
     for camera, axes in panels.items():
-        show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), panel_widths.sum())
+        set_view(
+            axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), panel_widths.sum()
+        )
         draw_robot(axes, camera, model, Q)
         _draw_capsules(axes, camera, model, pieces, Q)
         for frame in frames:
@@ -428,7 +430,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     _number_joints(axes, camera, model, Q)
     mass = sum(body.mass for body in spec.bodies)
     figure.suptitle(f"{style.literal(spec.name.replace('_', ' '))}: {mass:.4g} kg, {model.n} coordinates")
-    return style.finish(figure, describe(camera))
+    return style.finish(figure, describe_view(camera))
 
 
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
@@ -501,7 +503,7 @@ def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     shape = model.shape
     frames = model.body_frames(Q)
     fractions = np.linspace(0.0, 1.0, 25)
-    shrunk_boxes = [corners(frames[0] @ shape.box_frame, part * base_half(model)) for part in fractions]
+    shrunk_boxes = [corners(frames[0] @ shape.box_frame, part * base_half_edges(model)) for part in fractions]
     faces = [
         first + share * (second - first)
         for box in shrunk_boxes
@@ -545,7 +547,7 @@ def plot_scenario(task: Task) -> Figure:
     )
     pieces = pieces_of(task.robot) if task.spec.keeps_clear else ()
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
-    figure, grid = _panels(camera, extent, titles, min(2, len(stages)), style.COLUMN)
+    figure, grid = _titled_panels(camera, extent, titles, min(2, len(stages)), style.COLUMN)
     for i, axes in enumerate(grid[: len(stages)]):
         if SCENE_LOOKS[model.dimension].floor:
             _draw_floor(axes, camera, model, stops[i + 1], extent)
@@ -561,7 +563,7 @@ def plot_scenario(task: Task) -> Figure:
             axes.plot(
                 *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-BELOW_ALL)
             )
-    return style.finish(figure, describe(camera, extent))
+    return style.finish(figure, describe_view(camera, extent))
 
 
 def _draw_advised_arms(axes: Axes, camera: Camera, model: RobotModel, posing: Posing) -> None:

@@ -59,12 +59,12 @@ def draw_box(
 
 def capsule_outline(camera: Camera, ends: np.ndarray, radius: float) -> np.ndarray:
     """Return the outline (., 2) of a capsule about a segment (2, 3) as it is seen, closed."""
-    seen = camera.project(_outline(camera, ends, radius))
+    seen = camera.project(_silhouette_points(camera, ends, radius))
     around = ConvexHull(seen).vertices
     return np.asarray(seen[[*around, around[0]]])
 
 
-def _outline(camera: Camera, ends: np.ndarray, radius: float) -> np.ndarray:
+def _silhouette_points(camera: Camera, ends: np.ndarray, radius: float) -> np.ndarray:
     """Return points (., 3) on a capsule whose hull is its outline as it is seen."""
     circle = radius * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)]) @ camera.axes[:2]
     return np.asarray((ends[:, None] + circle).reshape(-1, 3))
@@ -77,7 +77,7 @@ def draw_shadow(axes: Axes, camera: Camera, shape: Shape, frame: np.ndarray, flo
     if shape.kind == "box":
         points = corners(frame, half_edges(shape.edges))
     else:
-        points = _outline(PLAN, in_inertial_frame(frame, capsule_ends(shape)), shape.size[0])
+        points = _silhouette_points(PLAN, in_inertial_frame(frame, capsule_ends(shape)), shape.size[0])
     points = points[ConvexHull(points[:, :2]).vertices]
     points[:, 2] = floor
     axes.add_patch(Polygon(camera.project(points), facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
@@ -101,7 +101,7 @@ def _draw_half_space(
     if abs(normal @ camera.axes[2]) < 1e-6:
         (x0, y0), (x1, y1) = camera.view(extent).get_points()
         view_corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-        area = _cut(view_corners @ camera.axes[:2], normal, origin)
+        area = _clip_to_half_space(view_corners @ camera.axes[:2], normal, origin)
         order = 0.5
         alpha = 1.0
     else:
@@ -114,15 +114,15 @@ def _draw_half_space(
         reach = 2 * float(np.linalg.norm(high - low))
         area = middle_of_face + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ in_face[1:]
         for axis in np.eye(3):
-            area = _cut(area, axis, high)
-            area = _cut(area, -axis, low)
+            area = _clip_to_half_space(area, axis, high)
+            area = _clip_to_half_space(area, -axis, low)
         order = (1.2 if normal @ camera.axes[2] > 0 else -1.0) * BELOW_ALL
         alpha = WALL_OPACITY
     if len(area) > 2:
         axes.add_patch(Polygon(camera.project(area), **{**look, "zorder": order, "alpha": alpha}))
 
 
-def _cut(polygon: np.ndarray, normal: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _clip_to_half_space(polygon: np.ndarray, normal: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the part of a convex polygon (., 3) in the half-space with an outward normal at an origin.
 
     A step of the algorithm of Sutherland and Hodgman.

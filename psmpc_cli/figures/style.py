@@ -306,7 +306,7 @@ def label_ends(axes: Axes) -> None:
             ends.append((end_height, line))
     ends.sort(key=lambda end_height: end_height[0])
     height = _panel_height(axes)
-    text_heights = _spread([end_height for end_height, _ in ends], LINE_HEIGHT / height)
+    text_heights = _moved_apart([end_height for end_height, _ in ends], LINE_HEIGHT / height)
     figure: Any = axes.get_figure()
     width = axes.get_window_extent().width / figure.dpi
     for text_height, (end_height, line) in zip(text_heights, ends, strict=True):
@@ -349,7 +349,7 @@ def _height_of_end(axes: Axes, line: Line2D) -> float:
     return float(np.clip((pixel - panel_box.y0) / panel_box.height, 0.0, 1.0))
 
 
-def _spread(places: Sequence[float], gap: float) -> np.ndarray:
+def _moved_apart(places: Sequence[float], gap: float) -> np.ndarray:
     """Move sorted places in [0, 1] by as little as keeps neighbours a gap apart: least squares, by pooling."""
     offset = gap * np.arange(len(places))
     blocks: list[list[float]] = []
@@ -385,7 +385,7 @@ def draw_limit(axes: Axes, x: ArrayLike, y: ArrayLike, colors: Sequence[Any], la
         axes.plot(x, y, **{**LEVEL, "color": color, "linestyle": dashes, "dash_capstyle": "butt"}, label=f"_{label}")
 
 
-def show_beside_peaks(axes: Axes, values: np.ndarray) -> str:
+def use_symlog_if_peaks_hide_rest(axes: Axes, values: np.ndarray) -> str:
     """Make the axis logarithmic beyond a tenth of the peak's power of ten if peaks hide the rest; return a note."""
     size = np.abs(values[np.isfinite(values)])
     peak = float(np.max(size, initial=0.0))
@@ -400,12 +400,12 @@ def show_beside_peaks(axes: Axes, values: np.ndarray) -> str:
     return f"log beyond {'±' if np.nanmin(values) < 0 else ''}{threshold:g}"
 
 
-def better(direction: str, word: str = "better") -> str:
+def better_side(direction: str, word: str = "better") -> str:
     """Mark the better direction of an axis, such as down, with an arrow and a word."""
     return f"{BETTER[direction]} {word}"
 
 
-def notes(*parts: str) -> str:
+def join_notes(*parts: str) -> str:
     """Join what is to be written above a panel."""
     return "; ".join(filter(None, parts))
 

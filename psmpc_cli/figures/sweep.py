@@ -44,7 +44,7 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     if cells.waiting.any():
         axes.bar(x[0], 0, color="white", label=["_waiting"])
     _mark_cells(axes, cells, {"failed": cells.failed})
-    return _finish_plane(figure, axes, cells, scale, label)
+    return _finish_priority_plane(figure, axes, cells, scale, label)
 
 
 def plot_draws(cells: SweepCells) -> Figure:
@@ -55,7 +55,7 @@ def plot_draws(cells: SweepCells) -> Figure:
     x, y = np.log10(cells.omega)[cells.ended].T
     axes.scatter(x, y, 16, starts[cells.ended], norm=scale, zorder=3, **edge)  # above the marks of failed ones
     _mark_cells(axes, cells, {"failed": cells.failed, "waiting": cells.waiting})
-    return _finish_plane(figure, axes, cells, scale, label)
+    return _finish_priority_plane(figure, axes, cells, scale, label)
 
 
 def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> None:
@@ -71,7 +71,7 @@ def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) 
         axes.plot(*np.log10(best), **style.look("recommended", label=label, clip_on=False))
 
 
-def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
+def _finish_priority_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
     """Label the plane of both priorities, and add the bar of its colours if there are any."""
     first, second = (style.readable(name) for name in cells.names)
     _tick_decades(axes, 7)
@@ -192,8 +192,8 @@ def plot_starts(cells: SweepCells) -> Figure:
         starts = cells.quantity("actual_start")
         for threshold in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[threshold]:g}"
-            _plot_along(axes, AlongRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold))
-    style.panel_legend(axes, style.better("down", "sooner"))
+            _plot_over_ratio(axes, AlongRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold))
+    style.panel_legend(axes, style.better_side("down", "sooner"))
     return style.finish(figure)
 
 
@@ -206,7 +206,7 @@ class ComparedQuantity:
         less: What less of it is.
         values: Its value in every cell (cells,); NaN where it is not known.
         level: A level to compare with; NaN without one.
-        of_level: What this level is.
+        level_label: What this level is.
         from_zero: Whether its axis begins at 0 where it is linear, as that of a ratio does.
     """
 
@@ -214,11 +214,11 @@ class ComparedQuantity:
     less: str
     values: np.ndarray
     level: float = np.nan
-    of_level: str = ""
+    level_label: str = ""
     from_zero: bool = False
 
 
-def _compared(cells: SweepCells) -> list[ComparedQuantity]:
+def _compared_quantities(cells: SweepCells) -> list[ComparedQuantity]:
     """List the quantities by which a ratio of priorities is recommended, of those that some ended cell has.
 
     Each comes with the level that it is compared with: the value with the task's own priorities, or what is allowed.
@@ -240,9 +240,9 @@ def _compared(cells: SweepCells) -> list[ComparedQuantity]:
     return [quantity for quantity in quantities if np.isfinite(quantity.values[cells.ended]).any()]
 
 
-def has_compared(cells: SweepCells) -> bool:
+def has_compared_quantities(cells: SweepCells) -> bool:
     """Tell whether any quantity that a recommendation compares is known of a cell."""
-    return len(_compared(cells)) > 0
+    return len(_compared_quantities(cells)) > 0
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
@@ -252,7 +252,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     with the level of the task's own priorities, and the largest end error [tolerances]. Runs whose mission failed are
     marked at the lower edge, and their end is left out.
     """
-    quantities = _compared(cells)
+    quantities = _compared_quantities(cells)
     labels = [quantity.label for quantity in quantities]
     figure, all_axes = _panels_over_ratio(cells, labels, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
     best = recommend(cells).ratio
@@ -264,13 +264,13 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
             label = f"recommended {best:.4g}" if axes is all_axes[0] else "_"
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
         if np.isfinite(compared.level):
-            axes.axhline(compared.level, linestyle=style.DASHED, label=compared.of_level, **style.LEVEL)
-        _plot_along(axes, AlongRatio(cells, compared.values), **style.line_look(0))
+            axes.axhline(compared.level, linestyle=style.DASHED, label=compared.level_label, **style.LEVEL)
+        _plot_over_ratio(axes, AlongRatio(cells, compared.values), **style.line_look(0))
         _choose_scale(axes, np.append(compared.values[cells.ended], compared.level))
         if compared.from_zero and axes.get_yscale() == "linear":
             axes.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.values[cells.ended], compared.level))))
             axes.yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
-        style.panel_legend(axes, style.better("down", compared.less))
+        style.panel_legend(axes, style.better_side("down", compared.less))
     return style.finish(figure)
 
 
@@ -312,7 +312,7 @@ def _panels_over_ratio(
     return figure, rows
 
 
-def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
+def _plot_over_ratio(axes: Axes, values: AlongRatio, **look: Any) -> None:
     """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):

@@ -48,7 +48,7 @@ def timeline(
         The figure, and its panels (rows, runs).
     """
     several = not isinstance(runs, Run)
-    all_runs = runs_of(runs)
+    all_runs = runs_as_list(runs)
     ends = [run.motion.time[[0, -1]] for run in all_runs]
     start = float(np.min(ends))
     end = float(np.max(ends))
@@ -95,7 +95,7 @@ def label_row(panels: Sequence[Axes], label: str, note: str = "") -> None:
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def leave_out(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
+def hide_panels(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
     """Leave out panels of the last row which have nothing to show; those above them then have the labels of time."""
     for column in columns:
         grid[row, column].set_visible(False)
@@ -108,7 +108,7 @@ def leave_out(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
         grid[row, 0].set_ylabel("")
 
 
-def runs_of(runs: Mapping[str, Run] | Run) -> list[Run]:
+def runs_as_list(runs: Mapping[str, Run] | Run) -> list[Run]:
     """Return the runs of a figure, one or several."""
     return [runs] if isinstance(runs, Run) else list(runs.values())
 
@@ -150,7 +150,7 @@ def place_bars(schedules: Sequence[Sequence[Span]], view: tuple[float, float], w
     """
     bars = [[_place_bar(span, view, width) for span in spans] for spans in schedules]
     stages = [span.index for spans in schedules for span in spans]
-    rows = next(rows for rows in count(2) if rows > max(stages, default=0) or _are_apart(bars, rows))
+    rows = next(rows for rows in count(2) if rows > max(stages, default=0) or _no_bars_overlap(bars, rows))
     return [[replace(bar, row=bar.span.index % rows) for bar in bars_of_run] for bars_of_run in bars]
 
 
@@ -170,7 +170,7 @@ def _place_bar(span: Span, view: tuple[float, float], width: float) -> StageBar:
     return StageBar(span, 0, left, name, left - gap, "right", (left - wide, span.end))
 
 
-def _are_apart(schedules: Sequence[Sequence[StageBar]], rows: int) -> bool:
+def _no_bars_overlap(schedules: Sequence[Sequence[StageBar]], rows: int) -> bool:
     """Tell whether no two bars or names overlap if stages take so many rows in turn."""
     pairs = (pair for bars in schedules for pair in combinations(bars, 2))
     in_one_row = (pair for pair in pairs if pair[0].span.index % rows == pair[1].span.index % rows)

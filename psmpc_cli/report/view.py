@@ -24,7 +24,7 @@ from psmpc_cli.figures.coordinates import (
     panels_that_vary,
 )
 from psmpc_cli.figures.instants import has_distances, name_of_pair, nearest_pairs
-from psmpc_cli.figures.scene import Scene, capsule_ends, obstacle_frame, points_near, scene_of
+from psmpc_cli.figures.scene import Scene, capsule_ends, obstacle_frame, nearby_points_of_obstacle, scene_of
 from psmpc_cli.figures.solids import WALL_OPACITY
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan
@@ -314,7 +314,9 @@ def _obstacles(scene: Scene, time: np.ndarray) -> Iterator[Json]:
             "ends": capsule_ends(shape).tolist() if shape.kind == "capsule" else None,
             "radius": shape.size[0] if shape.kind == "capsule" else None,
             "opacity": opacity,
-            "around": [points_near(obstacle, float(instant), extent).tolist() for instant in time[[0, -1]]],
+            "around": [
+                nearby_points_of_obstacle(obstacle, float(instant), extent).tolist() for instant in time[[0, -1]]
+            ],
         }
 
 

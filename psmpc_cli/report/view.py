@@ -24,7 +24,7 @@ from psmpc_cli.figures.coordinates import (
     panels_that_vary,
 )
 from psmpc_cli.figures.instants import has_distances, name_of_pair, nearest_pairs
-from psmpc_cli.figures.scene import Scene, capsule_ends, obstacle_frame, nearby_points_of_obstacle, scene_of
+from psmpc_cli.figures.scene import Scene, capsule_ends, nearby_points_of_obstacle, obstacle_frame, scene_of
 from psmpc_cli.figures.solids import WALL_OPACITY
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan

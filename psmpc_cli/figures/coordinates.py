@@ -174,7 +174,7 @@ def along_base_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarr
 
 
 def _unrolled_coordinates(run: Run, Q: np.ndarray) -> np.ndarray:
-    """Return coordinates (K, nq) as (K, n): a base's quaternion in space becomes a rotation vector continuous in time."""
+    """Return coordinates (K, nq) as (K, n): a quaternion becomes a rotation vector that is continuous in time."""
     return run.problem.model.space.unrolled(Q)
 
 

@@ -200,7 +200,7 @@ def plot_solve_time(run: Run) -> Figure:
     wall_time = run["solver/wall_time"] * 1e3
     iterations = run["solver/iterations"]
     stages_in_window = run["window/count"]
-    solved = np.isfinite(wall_time) & (wall_time > 0)  # at the other samples nothing was solved
+    solved = np.isfinite(wall_time) & (wall_time > 0)  # samples whose solve was timed
     stage_counts = np.unique(stages_in_window[solved])
     for color_number, stages in enumerate(stage_counts):
         samples = solved & (stages_in_window == stages)

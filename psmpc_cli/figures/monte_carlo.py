@@ -15,21 +15,21 @@ INTERVAL = "95 % interval of the fraction"
 
 
 def plot_success(runs: MonteCarloRuns) -> Figure:
-    """Plot the fraction of random runs whose stages have ended over time [s], with the success rate above.
+    """Plot how surely and how evenly random runs end their stages: the fraction of runs that have, over time [s].
 
-    The times of a stage are relative to their median, which the legend names; those of the last one are the ends of the
-    mission. A curve that ends below 1 belongs to a stage that not every run has ended. Bands are Wilson's 95 % score
-    intervals of the fraction at each time.
+    There is a curve for each stage, over the time less the median of the stage's ends, which the legend names. The ends
+    of the last stage are those of the mission. A curve that ends below 1 belongs to a stage that not every run has
+    ended. Bands are Wilson's 95 % score intervals of the fraction at each time. The success rate is above the figure.
     """
     xlabel = "Switch time that ends the stage, less its median (s)"
     figure, (axes,) = style.stack(["Fraction of runs (1)"], [2.2], xlabel)
-    times = runs["switch_time"]
+    times = runs["switch_time"]  # at which each run ended each stage (runs, stages) [s]; NaN where it did not
     n_runs = int(runs.made.sum())
     for number, stage in enumerate(runs.stages):
         ended = np.sort(times[np.isfinite(times[:, number]), number])
         if len(ended):
             median = float(np.median(ended))
-            fraction = np.arange(len(ended) + 1) / n_runs
+            fraction = np.arange(len(ended) + 1) / n_runs  # it begins at 0, at the time of the first end
             label = f"{style.readable(stage)}, {median:.1f} s"
             time_after_median = np.r_[ended[0], ended] - median
             axes.step(time_after_median, fraction, where="post", label=label, **style.line_look(number))
@@ -51,9 +51,9 @@ class MeasuredQuantity:
 
     Attributes:
         label: The label of its axis.
-        values: Values by name (runs,), NaN where they are not known.
-        level: The level that counts.
-        level_label: What this level is.
+        values: For each curve's name the values (runs,), NaN where they are not known.
+        level: The level that values are judged by, such as a limit.
+        level_label: What the level is, for the legend.
         better: Where values are better, up or down, in an arrow and a word.
     """
 
@@ -70,9 +70,10 @@ class MeasuredQuantity:
 
 
 def measured_quantities(runs: MonteCarloRuns) -> list[MeasuredQuantity]:
-    """List the quantities of random runs that have a panel: those of which some run has a value.
+    """List the quantities that have a panel in the figure of random runs: those of which some run has a value.
 
-    These are the final error [tolerances], the margins to limits [%], and the margins of monitors, by unit.
+    They are the final error [tolerances], the margins to position and velocity limits [%], and the margins of the
+    task's monitors (signals that are to stay within bounds), one panel for each unit.
     """
     margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
     safer = style.better_side("up", "safer")
@@ -103,9 +104,10 @@ def has_measured_quantities(runs: MonteCarloRuns) -> bool:
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
-    """Plot errors and margins of every random run over its seed, a panel for each quantity and unit.
+    """Plot errors and margins of every random run over its seed, to find the runs that failed or nearly did.
 
-    Failed runs are ringed, or crosses on the lower edge where they have no values.
+    There is a panel for each quantity and unit. Failed runs are ringed; those without a value are crosses on the lower
+    edge of the panel.
     """
     panels = measured_quantities(runs)
     figure, all_axes = style.stack([panel.label for panel in panels], [1.1] * len(panels), "Seed of the run (1)")
@@ -123,8 +125,10 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
             axes.set_ylim(bottom=0.0)
         has_value = np.isfinite(panel.all_values).any(axis=0)
         if (failed & has_value).any():
+            # an entry of the legend that draws nothing, as in the plots below
             axes.plot([], [], **style.look("ring around a failed run", label="failed"))
-        if (without_value := seed[failed & ~has_value]).size:  # along the lower edge
+        if (without_value := seed[failed & ~has_value]).size:
+            # with this transform 0 is the lower edge of the panel
             look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
             axes.plot(without_value, np.zeros(len(without_value)), **look)
         axes.plot([], [], label=panel.level_label, **style.LEVEL)

@@ -60,6 +60,9 @@ from psmpc_cli.specs.robots.robot import RobotSpec, resolve_limits
 PANELS_ACROSS = 4
 """Most panels side by side on a page."""
 
+MOST_IN_COLUMN = 10
+"""Most panels of a run with which its figure is as wide as one column of text."""
+
 AXIS_ROOM = 0.45
 """Width of the axis left of the panels [in]."""
 
@@ -112,20 +115,23 @@ TRIAD_COLORS = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
 
 
 def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
-    """Plot the robot at the key instants of a run, or of several runs where their stages end, to one scale [m].
+    """Plot the robot at the times of a run at which something happens, all panels to one scale [m].
 
-    Several runs have a row of panels, or several, for each controller. A panel shows the targets of the stages that
-    act, the path of the base, and the paths of the end-effectors since the panel before.
+    Of a single run these are its start and end, early starts of stages, switches, and the loss of the object. Of
+    several runs they are the ends of the stages, and each run has one or more rows of panels of its own. A panel shows
+    the targets of the stages that act then, the path of the base, and the paths of the end-effectors since the panel
+    before.
 
     Args:
         runs: A run, or several by controller.
     """
     is_one_run = isinstance(runs, Run)
+    # what stands before the vertical labels of each run's rows
     names = [""] if isinstance(runs, Run) else [f"{style.literal(style.title_of(name))}\n" for name in runs]
     scenes = [scene_of(run) for run in runs_as_list(runs)]
     instants = [scene.key_instants() if is_one_run else scene.switches() for scene in scenes]
     most_panels = max(1, *map(len, instants))
-    in_one_column = is_one_run and most_panels <= 10
+    in_one_column = is_one_run and most_panels <= MOST_IN_COLUMN
     width = style.COLUMN if in_one_column else style.PAGE
     columns = min(2 if in_one_column else PANELS_ACROSS, most_panels)
     panels_of_a_run = -(-most_panels // columns) * columns  # whole rows
@@ -134,6 +140,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     for instants_of_run in instants:
         titles += [f"{time:.1f}\N{NO-BREAK SPACE}s: {event}" for time, event in instants_of_run]
         titles += [""] * (panels_of_a_run - len(instants_of_run))
+    # for each run its start, from which the first paths are drawn, and the times of its panels
     times = [[float(scene.run.motion.time[0]), *dict(each)] for scene, each in zip(scenes, instants, strict=True)]
     camera = scenes[0].camera
     extent = np.vstack([scene.extent(times_of_run) for scene, times_of_run in zip(scenes, times, strict=True)])
@@ -151,9 +158,10 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
 def _titled_panels(
     camera: Camera, extent: np.ndarray, titles: Sequence[str], columns: int, width: float
 ) -> tuple[Figure, np.ndarray]:
-    """Make a figure with a grid of panels of the same view and scale, one for each title.
+    """Make a figure with a grid of empty panels of the same view and scale, one for each title.
 
-    Titles are broken between words to the width of a panel; a panel without a title stays empty.
+    Titles are broken between words to fit a panel. Where a title is empty there is a gap in the grid. Only the panels
+    at the left and at the lower edge have labels of their axes.
 
     Args:
         camera: From where the scene is seen.
@@ -163,9 +171,9 @@ def _titled_panels(
         width: Width of the figure [in].
 
     Returns:
-        The figure and its panels.
+        The figure, and its panels row by row (rows * columns,).
     """
-    titles = [*titles, *[""] * (-len(titles) % columns)]
+    titles = [*titles, *[""] * (-len(titles) % columns)]  # to whole rows
     figure = style.new_figure(width)
     characters = int((width - AXIS_ROOM) / columns / style.CHARACTER)
     grid = figure.subplots(len(titles) // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
@@ -177,7 +185,7 @@ def _titled_panels(
         axes.set_title("\n".join(fill(line, characters) for line in title.split("\n")))
         if number % columns:
             axes.set_ylabel("")
-        if any(titles[number + columns :: columns]):
+        if any(titles[number + columns :: columns]):  # there is a panel below in this column
             axes.set_xlabel("")
         else:
             axes.tick_params(labelbottom=True)
@@ -208,18 +216,20 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
     view = camera.view(extent)
     points_in_view = camera.project(extent)
     length = 0.08 * view.width
+    # possible origins of the arrows: the corners of the view, moved inwards by an arrow with its letter
     corners_inside = view.get_points() + 1.7 * length * np.array([[1], [-1]])
-    corner = max(
+    # the one whose nearest point is farthest away
+    origin = max(
         Bbox(corners_inside).corners(), key=lambda corner: float(np.linalg.norm(points_in_view - corner, axis=1).min())
     )
     for name, direction in zip("xyz", camera.project(length * np.eye(3)), strict=True):
         axes.annotate(
             "",
-            tuple(corner + direction),
-            tuple(corner),
+            tuple(origin + direction),
+            tuple(origin),
             arrowprops={**style.ARROW, "facecolor": "black", "zorder": -BELOW_ALL},
         )
-        x, y = corner + 1.5 * direction
+        x, y = origin + 1.5 * direction
         axes.text(x, y, name, ha="center", va="center")
 
 
@@ -233,7 +243,13 @@ def set_view(axes: Axes, camera: Camera, view: Bbox, width: float | None = None)
 
 
 def _step_with_two_ticks(low: float, high: float, step: float) -> float:
-    """Return the step, or the first finer one of which two multiples at least are within the limits of an axis."""
+    """Return the first of a step and finer ones that puts two ticks or more between the limits of an axis.
+
+    Args:
+        low: Lower limit of the axis.
+        high: Upper limit.
+        step: Distance of ticks if it does; also returned if none of the finer ones does.
+    """
     for part in FINER_STEPS:
         finer = step * part
         count = np.floor(high / finer) - np.ceil(low / finer) + 1
@@ -249,43 +265,46 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
         axes: The panel.
         scene: The run with what stands around the robot.
         time: The time [s].
-        since: From when on the paths of the end-effectors are drawn [s].
-        extent: Points (., 3) in the view [m]; below them are the squares of a spatial scene.
+        since: From when on the paths of the end-effectors are drawn [s]; that of the base is drawn from the start.
+        extent: All points that the view contains (., 3) [m]. The floor of a spatial scene is at the lowest of them.
     """
     run = scene.run
     camera = scene.camera
     model = scene.run.problem.model
-    look = SCENE_LOOKS[model.dimension]
+    scene_look = SCENE_LOOKS[model.dimension]
     Q = run.motion.coordinates_at(time)
     draw_robot(axes, camera, model, Q)
     if (frame := scene.object_frame(time)) is not None:
-        name = "object, lost" if scene.lost and time >= scene.left else "object"
-        draw_box(axes, camera, frame, scene.half, style.look(name))
-    if look.floor:
+        name = "object, lost" if scene.lost and time >= scene.released_at else "object"
+        draw_box(axes, camera, frame, scene.object_half_edges, style.look(name))
+    if scene_look.floor:
         _draw_floor(axes, camera, model, Q, extent)
     _draw_obstacles(axes, camera, scene.obstacles, time, extent)
-    for stage in scene.acting(time):
+    for stage in scene.acting_stages(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
             if not np.isfinite(target[:3, 3]).all():
                 continue
-            color = _arm_color(i - 1) if i else "black"
+            color = _arm_color(i - 1) if i else "black"  # the first target is the base's
             axes.plot(
-                *camera.project(target[:3, 3]), color=color, **style.look("target", zorder=-BELOW_ALL, **look.target)
+                *camera.project(target[:3, 3]),
+                color=color,
+                **style.look("target", zorder=-BELOW_ALL, **scene_look.target),
             )
-            if look.triads:
+            if scene_look.triads:
                 _draw_triad(axes, camera, target, 0.25 * model.shape.reach, "target")
     trail, *_ = camera.project(scene.paths(float(run.motion.time[0]), time))
-    axes.plot(*trail.T, **style.look("path of the base", zorder=look.paths + 1.2))
+    axes.plot(*trail.T, **style.look("path of the base", zorder=scene_look.paths + 1.2))
     for i, path in enumerate(camera.project(scene.paths(since, time))[1:]):
-        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=look.paths + 1.3, label="_path of an arm's end")
+        path_order = scene_look.paths + 1.3
+        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=path_order, label="_path of an arm's end")
 
 
 def _draw_obstacles(
     axes: Axes, camera: Camera, obstacles: Sequence[ObstacleSpec], time: float | None, extent: np.ndarray
 ) -> None:
-    """Draw obstacles, and the ways that moving ones have come.
+    """Draw the obstacles of a task, and the paths along which moving ones have come.
 
-    Walls are drawn last, so that the legend has an obstacle with edges if there is one; in space they are pale.
+    In space, boxes and capsules have shadows on the floor, and walls (half-spaces) are transparent.
 
     Args:
         axes: The panel.
@@ -294,6 +313,7 @@ def _draw_obstacles(
         time: When [s]; None before a run, where they are as at its start.
         extent: Points (., 3) in the view [m].
     """
+    # walls last: the legend shows what is drawn first, which should be an obstacle with edges if there is one
     for obstacle in sorted(obstacles, key=lambda each: each.shape.half_space is not None):
         shape = obstacle.shape.shape
         moves = any(obstacle.velocity)
@@ -318,7 +338,7 @@ def draw_robot(
         model: The robot.
         Q: Its position (nq,).
         base: What the legend calls the base.
-        alpha: Opacity; arms of a faint robot have no entry in the legend.
+        alpha: Opacity of all, from 0 to 1; arms of a robot that is not opaque have no entry in the legend.
     """
     shape = model.shape
     frames = model.body_frames(Q)
@@ -327,7 +347,7 @@ def draw_robot(
     draw_box(axes, camera, frames[0] @ shape.box_frame, base_half_edges(model), base_look, 2.0)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
     for number, (body, frame) in enumerate(zip(model.spec.bodies, frames, strict=True)):
-        arm = body.name.rpartition(".")[0]
+        arm = body.name.rpartition(".")[0]  # links have names such as arm_1.2; empty for the base
         arm_look: dict[str, Any] = {"color": _arm_color(arms.index(arm)) if arm else style.EDGE, "alpha": alpha}
         name = f"_{style.readable(arm)}" if arm and alpha == 1.0 else "_"
         lines = [(1.5, in_inertial_frame(frame, ends)) for ends in shape.capsules[number]]
@@ -336,8 +356,9 @@ def draw_robot(
             thick_line = {"linewidth": line_width, "solid_capstyle": "round", "label": name, **arm_look}
             axes.plot(*camera.project(points).T, zorder=3.0 + DEPTH_ORDER * camera.depth(points), **thick_line)
         if arm:
+            # the joint is drawn over all lines of its link: its depth is that of the nearest
             order = 3.1 + DEPTH_ORDER * max(
-                camera.depth(points) for points in (frame[:3, 3], *(arm_look[1] for arm_look in lines))
+                camera.depth(points) for points in (frame[:3, 3], *(line[1] for line in lines))
             )
             joint = {"marker": "s" if model.spec.joints[number - 1].prismatic else "o", "markersize": 2.2, **arm_look}
             axes.plot(
@@ -354,7 +375,9 @@ def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of
 
 
 def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, extent: np.ndarray) -> None:
-    """Draw squares of 1 m below a scene, and on them the shadow of the robot from straight above, to show depth.
+    """Draw squares of 1 m below a scene in space, and the robot's shadow on them, to show depth.
+
+    The shadow is that of light from straight above: a projection along z onto the floor.
 
     Args:
         axes: The panel.
@@ -366,7 +389,7 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
     low = np.floor(extent.min(axis=0))
     high = np.ceil(extent.max(axis=0))
     floor = extent[:, 2].min()
-    for axis in (0, 1):
+    for axis in (0, 1):  # lines at x = whole numbers along y, then the others
         for line_position in np.arange(low[axis], high[axis] + 0.5):
             ends = np.insert([[low[1 - axis]], [high[1 - axis]]], axis, line_position, axis=1)
             axes.plot(
@@ -375,8 +398,9 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
                 linewidth=0.5,
                 zorder=2 * BELOW_ALL,
             )
-    floor_shift = camera.project([0, 0, 1]) * floor
+    # points are projected onto z = 0, and their images are then moved to the height of the floor
     onto_floor = np.diag([1.0, 1.0, 0.0])
+    floor_shift = camera.project([0, 0, 1]) * floor
     shape = model.shape
     frames = model.body_frames(Q)
     hull = corners(frames[0] @ shape.box_frame, shape.box) @ onto_floor
@@ -393,14 +417,15 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
 
 
 def _arm_color(index: int) -> str:
+    """Return the colour of the arm of this number, counted from 0."""
     return style.PALETTE[index % len(style.PALETTE)]
 
 
 def plot_robot(spec: RobotSpec) -> Figure:
     """Plot a robot with its frames, joint numbers and joint axes, as a drawing for whoever writes a task for it.
 
-    Joints are at 0, or at the nearest position within their limits. A spatial robot is seen from four sides. Capsules
-    are those of the geometry in the robot's file.
+    Joints are at 0, or at the nearest position within their limits. A spatial robot is seen from four sides. The
+    capsules that stand for its bodies where parts keep clear are drawn if the robot's file has a geometry.
     """
     model = RobotModel(spec)
     limits = resolve_limits(spec)
@@ -414,6 +439,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     pieces = pieces_of(spec) if spec.geometry else ()
     for ends, radius in capsules(model, pieces, Q):
         points = np.vstack([points, *(ends + radius * side for side in np.vstack([np.eye(3), -np.eye(3)]))])
+    # lowest and highest coordinates (2, 3), with a margin
     box = np.array([points.min(axis=0), points.max(axis=0)]) + 0.04 * np.ptp(points) * np.array([[-1], [1]])
     figure = style.new_figure()
     panel_widths = np.ptp(box, axis=0)[: model.dimension - 1]
@@ -426,7 +452,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
         _draw_capsules(axes, camera, model, pieces, Q)
         for frame in frames:
             _draw_triad(axes, camera, frame, frame_size, "frame")
-    camera, axes = next(iter(panels.items()))
+    camera, axes = next(iter(panels.items()))  # joints have numbers in the first view alone
     _number_joints(axes, camera, model, Q)
     mass = sum(body.mass for body in spec.bodies)
     figure.suptitle(f"{style.literal(spec.name.replace('_', ' '))}: {mass:.4g} kg, {model.n} coordinates")
@@ -436,8 +462,8 @@ def plot_robot(spec: RobotSpec) -> Figure:
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
     """Write numbers beside the joints of each arm, one text for joints in one place, and draw the joints' axes.
 
-    A text stands where it covers neither the robot nor another text: of some offsets from its joint, the first at which
-    the text has no covered point under it. Points of the robot are covered, and those of texts already written.
+    A text has the first of the `NUMBER_OFFSETS` from its joint at which it covers neither the robot nor another text.
+    Both are stood for by sample points: the offset is free if none of them lies under the text.
 
     Args:
         axes: The panel.
@@ -458,6 +484,7 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
             if arm_of_joint != arm:
                 continue
             joint_in_view = camera.project(frame[:3, 3])
+            # joints that follow each other in one place share a text
             if not places or np.linalg.norm(joint_in_view - places[-1][0]) > same_place_distance:
                 places.append((joint_in_view, []))
             places[-1][1].append(number)
@@ -489,9 +516,9 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
 
 
 def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Sample points all over the base's box and along links and grippers, to know what of a view the robot covers.
+    """Sample points all over the base's box and along links and grippers, so that texts can keep off the robot.
 
-    The box is sampled by lines between the corners of boxes that shrink from its full size to its centre.
+    The box is sampled by points on all lines between the corners of boxes that shrink from its full size to its centre.
 
     Args:
         model: The robot.
@@ -504,12 +531,12 @@ def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     frames = model.body_frames(Q)
     fractions = np.linspace(0.0, 1.0, 25)
     shrunk_boxes = [corners(frames[0] @ shape.box_frame, part * base_half_edges(model)) for part in fractions]
-    faces = [
-        first + share * (second - first)
+    points_in_box = [
+        first + fraction * (second - first)
         for box in shrunk_boxes
         for first in box
         for second in box
-        for share in fractions[::4]
+        for fraction in fractions[::4]
     ]
     links = [
         in_inertial_frame(frame, ends[0] + fractions[:, None] * (ends[1] - ends[0]))
@@ -521,19 +548,20 @@ def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
         for arm, tool in model.spec.tools.items()
         for first, second in pairwise(shape.grippers[arm])
     ]
-    return np.vstack([np.array(faces), *links, *grippers])
+    return np.vstack([np.array(points_in_box), *links, *grippers])
 
 
 def plot_scenario(task: Task) -> Figure:
-    """Plot a task before anything has run: a panel for each stage with the robot at its target, and the object.
+    """Plot what a task asks for before anything has run: a panel for each stage with the robot at its target.
 
-    The robot is faint where the stage begins. A base for which the stage has no target is drawn where it was. Obstacles
-    are where they are at the start. Where the task keeps clear, the robot at its target has the capsules that cover it.
-    Thin arms are where `psmpc check` advises to hold them for the next stage.
+    The robot is faint where the stage begins. A base for which the stage has no target is drawn where it was. Object
+    and obstacles are there too, obstacles where they are at the start. If parts of the task's robot keep clear of
+    others, the robot at its target has the capsules that stand for its bodies. Thin arms show the posture that
+    `psmpc check` advises to hold in this stage for the next one.
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
-    stops = configurations_at_stops(task, model, stages)
+    stops = configurations_at_stops(task, model, stages)  # at the start, then at the end of each stage (nq,)
     target_object = task.spec.object
     camera = CAMERAS[model.dimension]
     half = half_edges(target_object.shape if target_object else (0.0, 0.0))
@@ -551,7 +579,7 @@ def plot_scenario(task: Task) -> Figure:
     for i, axes in enumerate(grid[: len(stages)]):
         if SCENE_LOOKS[model.dimension].floor:
             _draw_floor(axes, camera, model, stops[i + 1], extent)
-        for frame in objects[i : i + 1]:
+        for frame in objects[i : i + 1]:  # none in a task without an object
             draw_box(axes, camera, frame, half, style.look("object"))
         _draw_obstacles(axes, camera, task.spec.obstacles, None, extent)
         draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT_OPACITY)

@@ -86,9 +86,11 @@ def draw_shadow(axes: Axes, camera: Camera, shape: Shape, frame: np.ndarray, flo
 def _draw_half_space(
     axes: Axes, camera: Camera, normal: np.ndarray, origin: np.ndarray, extent: np.ndarray, look: Mapping[str, Any]
 ) -> None:
-    """Draw as much of a half-space (a wall) as is in a view: its face, or its area where it is seen edge-on.
+    """Draw the part of a half-space (a wall) that is in a view.
 
-    A face that is turned to the viewer is behind all that is outside of the half-space, another one before it.
+    Where the face is seen edge-on, as always in the plane, this is the area of the view that the half-space covers.
+    Elsewhere it is the transparent face: drawn behind all else if its outside is turned to the viewer, before all else
+    if not, since everything is outside of the half-space.
 
     Args:
         axes: The panel.
@@ -101,6 +103,7 @@ def _draw_half_space(
     if abs(normal @ camera.axes[2]) < 1e-6:
         (x0, y0), (x1, y1) = camera.view(extent).get_points()
         view_corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+        # the view as a rectangle in space (4, 3), through the origin, and of it what is in the half-space
         area = _clip_to_half_space(view_corners @ camera.axes[:2], normal, origin)
         order = 0.5
         alpha = 1.0
@@ -111,23 +114,23 @@ def _draw_half_space(
         _, _, in_face = np.linalg.svd(normal[None])
         middle_of_face = (low + high) / 2
         middle_of_face = middle_of_face - ((middle_of_face - origin) @ normal) * normal
-        reach = 2 * float(np.linalg.norm(high - low))
+        reach = 2 * float(np.linalg.norm(high - low))  # beyond all points of the view
         area = middle_of_face + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ in_face[1:]
         for axis in np.eye(3):
             area = _clip_to_half_space(area, axis, high)
             area = _clip_to_half_space(area, -axis, low)
         order = (1.2 if normal @ camera.axes[2] > 0 else -1.0) * BELOW_ALL
         alpha = WALL_OPACITY
-    if len(area) > 2:
+    if len(area) > 2:  # else nothing of it is in the view
         axes.add_patch(Polygon(camera.project(area), **{**look, "zorder": order, "alpha": alpha}))
 
 
 def _clip_to_half_space(polygon: np.ndarray, normal: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the part of a convex polygon (., 3) in the half-space with an outward normal at an origin.
 
-    A step of the algorithm of Sutherland and Hodgman.
+    A step of the algorithm of Sutherland and Hodgman. The part is (0, 3) if nothing of the polygon is in there.
     """
-    beyond = (polygon - origin) @ normal
+    beyond = (polygon - origin) @ normal  # how far each corner is outside; negative inside
     kept = list[np.ndarray]()
     for i, point in enumerate(polygon):
         before = beyond[i - 1]

@@ -30,10 +30,11 @@ FAILED_MISSION: Mapping[str, Any] = {
 
 
 def plot_heat_map(cells: SweepCells) -> Figure:
-    """Plot the actual start of the second stage [s] over both priorities, as colours of the cells of a grid.
+    """Plot when the second stage actually starts to act [s] over both stages' priorities, as colours of a grid.
 
-    A contour parts the cells in which the start is t_s - T_h, the earliest possible: then the stage acts as soon as it
-    is in the window. Starts are known to one sample: within the contour the start is the first sample after t_s - T_h.
+    A cell of the grid is the run with a pair of priorities omega_1, omega_2. A contour surrounds the cells in which the
+    start is the earliest possible, t_s - T_h: there the stage acts as soon as it enters the window, a horizon T_h
+    before the switch time t_s. Starts are known to one sample, so "earliest" is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
     starts, scale, label = _starts_of_threshold(cells)
@@ -42,7 +43,7 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
     _plot_contour(axes, x, y, start - earliest, cells.task.spec.controller.sample_time)
     if cells.waiting.any():
-        axes.bar(x[0], 0, color="white", label=["_waiting"])
+        axes.bar(x[0], 0, color="white", label=["_waiting"])  # of no height: the entry of white cells in the legend
     _mark_cells(axes, cells, {"failed": cells.failed})
     return _finish_priority_plane(figure, axes, cells, scale, label)
 
@@ -86,27 +87,28 @@ def _finish_priority_plane(figure: Figure, axes: Axes, cells: SweepCells, scale:
 
 
 def plot_surface(cells: SweepCells) -> Figure:
-    """Plot the actual start of the second stage [s] over both priorities, as a surface.
+    """Plot when the second stage actually starts to act [s] over both stages' priorities, as a surface.
 
-    It lies between frames at the switch time t_s and at t_s - T_h, the earliest possible start, since the stage is in
-    no window before. Failed cells and the recommended one are marked.
+    The surface lies between a frame at the latest switch time t_s and one at the earliest t_s - T_h: before that, a
+    horizon T_h ahead of the switch, the second stage is in no window. Cells (runs with a pair of priorities) that
+    failed and the recommended one are marked.
     """
     figure = style.new_figure()
     figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
     starts, scale, label = _starts_of_threshold(cells)
-    shape = cells.results["status"].shape
+    shape = cells.results["status"].shape  # of the grid; arrays of cells are flat
     failed = cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
-    corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
+    frame = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
     if failed.any():
         axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
-    if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{EARLIEST_START}", **style.LEVEL)
+    if cells.ended.any():  # drawn from the lowest to the highest, since each covers what is drawn before
+        axes.plot(*frame, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{EARLIEST_START}", **style.LEVEL)
         colors = ScalarMappable(scale).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
-        axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
+        axes.plot(*frame, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
     if (mission_failed := cells.ended & ~cells.succeeded).any():
         axes.plot(
             x.flat[mission_failed], y.flat[mission_failed], starts[mission_failed], **style.look(**FAILED_MISSION)
@@ -122,7 +124,7 @@ def plot_surface(cells: SweepCells) -> Figure:
             **style.look("recommended", label=name),
         )
     if cells.waiting.any():
-        axes.plot([], [], linestyle="none", label="_blank: waiting")
+        axes.plot([], [], linestyle="none", label="_blank: waiting")  # an entry of the legend alone
     axes.view_init(24.0, -128.0)
     axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
     axes.set_xlabel("ω₁ (1)", labelpad=-6)
@@ -140,9 +142,14 @@ def plot_surface(cells: SweepCells) -> Figure:
 
 
 def _starts_of_threshold(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
-    """Take the actual starts for the one threshold that is shown, with their scale and their label.
+    """Return what a figure shows of all cells: the actual starts of the second stage by the threshold that is chosen.
 
-    They are NaN where no cell has ended (cells,) [s]; the scale is from the earliest t_s - T_h to the latest t_s.
+    A stage has actually started once its effect on the control is above a threshold epsilon; a sweep knows the starts
+    for several thresholds.
+
+    Returns:
+        The starts (cells,) [s], NaN of cells that have not ended the stage; the scale of their colours, from the
+        earliest t_s - T_h to the latest t_s; and the label of the axis.
     """
     starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.chosen], np.nan)
     label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.chosen]:g} (s)"
@@ -158,21 +165,31 @@ def _tick_decades(axes: Axes, most: int) -> None:
         axis.set_major_formatter("$10^{{{x:.0f}}}$")
 
 
-def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> None:
-    """Draw the contour between the cells that start less than a sample after t_s - T_h and the others."""
-    known = np.isfinite(above)
-    near = above < sample + 1e-6
-    if near[known].all() or not near[known].any():
+def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, delay: np.ndarray, sample_time: float) -> None:
+    """Draw the contour around the cells in which the second stage starts as early as the horizon allows.
+
+    Args:
+        axes: The panel.
+        x: log10 omega_1 of the columns of the grid.
+        y: log10 omega_2 of its rows.
+        delay: How long after t_s - T_h the stage starts in each cell (rows, columns) [s]; NaN where it is not known.
+        sample_time: Cells whose delay is at most this are inside [s].
+    """
+    known = np.isfinite(delay)
+    is_earliest = delay < sample_time + 1e-6
+    if is_earliest[known].all() or not is_earliest[known].any():
         return
+    values = np.ma.masked_where(~known, is_earliest.astype(float))  # 1 inside, 0 outside
     for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
-        axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
+        axes.contour(x, y, values, levels=[0.5], colors=color, linewidths=width)
     axes.plot([], [], color="black", linewidth=1.0, label=f"_{EARLIEST_START}, to one sample")
 
 
 def plot_starts(cells: SweepCells) -> Figure:
-    """Plot the actual start of the second stage [s] over the ratio of priorities, a line for each threshold.
+    """Plot when the second stage actually starts to act [s] over the ratio of priorities omega_2 / omega_1.
 
-    It lies between the switch time t_s and t_s - T_h, the earliest possible start; what is below that is shaded.
+    There is a line for each threshold epsilon, above which the stage's effect on the control counts as its start. The
+    start lies between the switch time t_s and t_s - T_h, the earliest possible start. Times before that are shaded.
     """
     figure, (axes,) = _panels_over_ratio(
         cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3, cells.failed
@@ -180,9 +197,9 @@ def plot_starts(cells: SweepCells) -> Figure:
     if cells.ended.any():
         switch = AlongRatio(cells, cells.first_switch)
         earliest = AlongRatio(cells, cells.earliest_start)
-        room = 0.06 * cells.task.spec.controller.horizon
-        low = float(earliest.lowest.min()) - room
-        high = float(switch.highest.max()) + room
+        margin = 0.06 * cells.task.spec.controller.horizon
+        low = float(earliest.lowest.min()) - margin
+        high = float(switch.highest.max()) + margin
         axes.plot(switch.ratio, switch.middle, label="$t_s$", **style.LEVEL)
         axes.plot(earliest.ratio, earliest.middle, linestyle=style.DOTTED, label=EARLIEST_START, **style.LEVEL)
         axes.fill_between(earliest.ratio, low, earliest.middle, color=style.STAGE, linewidth=0, zorder=0.5)
@@ -203,15 +220,15 @@ class ComparedQuantity:
 
     Attributes:
         label: The label of its axis.
-        less: What less of it is.
+        better: A word for smaller values, such as sooner.
         values: Its value in every cell (cells,); NaN where it is not known.
         level: A level to compare with; NaN without one.
-        level_label: What this level is.
+        level_label: What this level is, for the legend.
         from_zero: Whether its axis begins at 0 where it is linear, as that of a ratio does.
     """
 
     label: str
-    less: str
+    better: str
     values: np.ndarray
     level: float = np.nan
     level_label: str = ""
@@ -219,14 +236,15 @@ class ComparedQuantity:
 
 
 def _compared_quantities(cells: SweepCells) -> list[ComparedQuantity]:
-    """List the quantities by which a ratio of priorities is recommended, of those that some ended cell has.
+    """List the quantities by which a ratio of priorities is recommended, for the figure that shows why.
 
-    Each comes with the level that it is compared with: the value with the task's own priorities, or what is allowed.
+    Each comes with the level that it is compared with: its value with the task's own priorities, or what is allowed.
+    Quantities are left out of which no cell that has ended the second stage has a value.
     """
 
-    def beside_reference(label: str, less: str, name: str) -> ComparedQuantity:
-        """Compare a quantity of the cells, by name, with that of the task's own priorities."""
-        return ComparedQuantity(label, less, cells.quantity(name), float(cells.reference(name)), "task's own")
+    def beside_reference(label: str, better: str, name: str) -> ComparedQuantity:
+        """Compare a quantity of the cells, by its name in the results, with that of the task's own priorities."""
+        return ComparedQuantity(label, better, cells.quantity(name), float(cells.reference(name)), "task's own")
 
     mission_end = np.where(cells.succeeded, cells.mission_end, np.nan)
     quantities = (
@@ -246,11 +264,12 @@ def has_compared_quantities(cells: SweepCells) -> bool:
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
-    """Plot what a recommended ratio of priorities is chosen by, over the ratio, with the recommended one.
+    """Plot over the ratio of priorities the quantities by which a ratio is recommended, to show why it is this one.
 
-    Panels: the end of the mission [s], the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base [N], both
-    with the level of the task's own priorities, and the largest end error [tolerances]. Runs whose mission failed are
-    marked at the lower edge, and their end is left out.
+    The panels are the end of the mission [s]; the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base
+    [N], both with their level with the task's own priorities; and the largest end error [tolerances]. Vertical lines
+    are at the task's own ratio and at the recommended one. Runs whose mission failed are marked at the lower edge, and
+    have no end of the mission.
     """
     quantities = _compared_quantities(cells)
     labels = [quantity.label for quantity in quantities]
@@ -258,6 +277,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     best = recommend(cells).ratio
     for axes, compared in zip(all_axes, quantities, strict=True):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
+            # the first panel explains the vertical lines of all
             label = f"task's {cells.own_ratio:.4g}" if axes is all_axes[0] else "_"
             axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
@@ -270,7 +290,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         if compared.from_zero and axes.get_yscale() == "linear":
             axes.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.values[cells.ended], compared.level))))
             axes.yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
-        style.panel_legend(axes, style.better_side("down", compared.less))
+        style.panel_legend(axes, style.better_side("down", compared.better))
     return style.finish(figure)
 
 
@@ -287,11 +307,13 @@ def _choose_scale(axes: Axes, values: np.ndarray) -> None:
 def _panels_over_ratio(
     cells: SweepCells, labels: Sequence[str], height: float, failed: np.ndarray
 ) -> tuple[Figure, list[Axes]]:
-    """Make a figure of panels over the ratio of priorities, with failed cells along the first one's lower edge.
+    """Make a figure of panels below each other over the ratio of priorities omega_2 / omega_1, on a logarithmic axis.
+
+    Cells that failed are marked along the lower edge of the first panel; the panels are empty besides.
 
     Args:
-        cells: The sweep, whose ratios give the range, run or not.
-        labels: Labels of the panels.
+        cells: The sweep. The axis has the range of its ratios, also of cells that have not been run.
+        labels: Labels of the panels' vertical axes.
         height: Height of each panel [in].
         failed: Which cells are marked as failed (cells,).
 
@@ -307,8 +329,9 @@ def _panels_over_ratio(
     rows[0].xaxis.set_minor_locator(NullLocator())
     if failed.any():
         ratio = np.unique(cells.ratio[failed])
-        below = rows[0].get_xaxis_transform()
-        rows[0].plot(ratio, 0.045 + 0 * ratio, transform=below, **style.look("failed", label="failed"))
+        # x is a ratio, y a fraction of the panel's height, just above its lower edge
+        at_lower_edge = rows[0].get_xaxis_transform()
+        rows[0].plot(ratio, np.full(len(ratio), 0.045), transform=at_lower_edge, **style.look("failed", label="failed"))
     return figure, rows
 
 

@@ -252,7 +252,7 @@ def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
     """
     poses = np.full((len(time), len(scene.run.stage_names), len(scene.run.problem.model.pose_rows), 7), np.nan)
     for row, t in enumerate(time):
-        for stage in scene.acting(float(t)):
+        for stage in scene.acting_stages(float(t)):
             frames = scene.target_frames(stage, float(t))
             known = np.isfinite(frames).all(axis=(1, 2))
             poses[row, stage, :, :3] = frames[:, :3, 3]
@@ -269,7 +269,7 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
     known = np.array([frame for frame in frames if frame is not None])
     poses = np.hstack([known[:, :3, 3], Rotation.from_matrix(known[:, :3, :3]).as_quat()])
     size = [*spec.shape, *(2.6 * scene.run.problem.model.shape.radius for _ in range(3 - len(spec.shape)))]
-    return {"size": size, "pose": _pack(poses, "f8"), "lost": scene.left if scene.lost else None}
+    return {"size": size, "pose": _pack(poses, "f8"), "lost": scene.released_at if scene.lost else None}
 
 
 def _obstacles(scene: Scene, time: np.ndarray) -> Iterator[Json]:

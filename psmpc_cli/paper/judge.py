@@ -276,12 +276,12 @@ def _judge_fronts_along_ratio(claim: Claim, reproduction: Reproduction) -> Findi
     if movement is None:
         return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
     cause = list[str]()
-    for instant, step, moves in zip(movement.instants, movement.against, movement.moves, strict=True):
+    for instant, step, moves in zip(movement.instants, movement.steps_back, movement.moves_at, strict=True):
         if step > LEAST_IMPROVEMENT or not moves:
             how = f"moves against it by {step:.2g} of the front" if moves else "does not move, or was not found"
             cause.append(f"at {instant:g} s it {how}")
     return Finding(
-        claim, f"{claim.published} at {movement.moving} of {len(movement.instants)}", not cause, cause=tuple(cause)
+        claim, f"{claim.published} at {movement.n_moving} of {len(movement.instants)}", not cause, cause=tuple(cause)
     )
 
 
@@ -290,7 +290,7 @@ def _judge_fronts_along_time(claim: Claim, reproduction: Reproduction) -> Findin
     movement = reproduction.movement
     if movement is None or len(movement.instants) < 2:
         return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
-    return Finding(claim, movement.directions(), movement.with_time, cause=movement.over_time)
+    return Finding(claim, movement.directions(), movement.moves_over_time, cause=movement.over_time)
 
 
 NO_FRONTS = "fewer windows of the PSMPC run than needed hold the first two stages alone and were solved"

@@ -12,7 +12,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.runner import FAILED, REFERENCE, WAITING
 from psmpc_cli.studies.sampling import Draws, FullFactorial, Ratios, Sampling, parse_sampling
-from psmpc_cli.studies.sweep import AlongRatio, Recommendation, SweepCells, origins, parse_stages, recommend
+from psmpc_cli.studies.sweep import AlongRatio, Recommendation, SweepCells, first_equal_runs, parse_stages, recommend
 
 from ..synthetic_sweep import EPSILONS, T_S, Numbers, numbers, sampling_of, synthetic_sweep
 
@@ -75,8 +75,8 @@ def test_a_file_that_does_not_say_what_ran_is_refused_by_name(path: Path, change
 
 def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> None:
     omega = parse_sampling("3x3", (0.1, 10.0)).omega
-    assert len(np.unique(origins(load_task("approach_capture"), (0, 1), omega))) == 5
-    assert len(np.unique(origins(load_task("transport"), (0, 1), omega))) == 9
+    assert len(np.unique(first_equal_runs(load_task("approach_capture"), (0, 1), omega))) == 5
+    assert len(np.unique(first_equal_runs(load_task("transport"), (0, 1), omega))) == 9
 
 
 def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:

@@ -193,7 +193,7 @@ def _comparison_rows(runs: Sequence[Summary]) -> Iterator[Row]:
 
 def _texts_of_measure(measure: Measure, runs: Sequence[Summary]) -> list[str]:
     """Write a measure of every run, numbers with their differences."""
-    values = [measure.of(run) for run in runs]
+    values = [measure.read(run) for run in runs]
     numbers = [value for value in values if not isinstance(value, str)]
     return _texts_with_differences(numbers, measure.resolution) if numbers else [str(value or "-") for value in values]
 

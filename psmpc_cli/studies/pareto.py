@@ -303,12 +303,12 @@ def _stacked_along(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quanti
 def _front_at_switch_time(
     trade_off: TradeOff, solve: Solution, settings: ParetoSettings, wait: float | None
 ) -> tuple[list[Quantity], int]:
-    """Compute the front of one sample by weighted sums and epsilon constraints, with one switch time or with a free one.
+    """Compute the front of one sample by weighted sums and epsilon constraints, with one switch time or a free one.
 
     A point of the front is the optimum of one problem: min J_1 + ratio J_2, a weighted sum, or min J_1 with a bound on
-    J_2, an epsilon constraint. Each problem is started from the optimum of its neighbour, which differs little. Weighted
-    sums begin at the ratio nearest to the run's own and go outwards from there. Epsilon constraints begin at the largest
-    bound; their bounds lie between the J_2 of the smallest and of the largest ratio.
+    J_2, an epsilon constraint. Each problem is started from the optimum of its neighbour, which differs little.
+    Weighted sums begin at the ratio nearest to the run's own and go outwards from there. The bounds of epsilon
+    constraints go from the J_2 of the smallest ratio, the largest bound, to that of the largest ratio.
 
     Args:
         trade_off: Solves the problems.
@@ -378,7 +378,8 @@ def without_local_optima(
             values_of_points = objective_values(problem, points)
             best = int(np.argmin(values_of_points))
             best_value = values_of_points[best]
-            if best_value + LEAST_GAIN * abs(best_value) >= values_of_points[i]:
+            is_better = best_value + LEAST_GAIN * abs(best_value) < values_of_points[i]
+            if not is_better:
                 continue
             candidate = trade_off.solve(problem, points[best], wait)
             if objective_values(problem, [candidate])[0] < values_of_points[i]:

@@ -29,7 +29,7 @@ def front(right: float = 0.0, up: float = 0.0) -> np.ndarray:
 def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
     movement = FrontMovement(made_up(np.array([front(2, 0), front(1, 1), front(0, 2)])))
     assert movement.n_moving == 3
-    assert movement.with_time
+    assert movement.moves_over_time
     np.testing.assert_allclose(movement.steps["normalized"], [[1, -1], [1, -1]])
     assert movement.steps_back == [0.0, 0.0, 0.0]
 

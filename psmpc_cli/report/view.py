@@ -386,7 +386,7 @@ def _plot_tabs(run: Run, frames: np.ndarray) -> Iterator[Json]:
 
     Args:
         run: The run.
-        frames: Indices of the states of its motion that are shown: at samples, and at the end of the run. Tabs with data
+        frames: Indices of the states of its motion that are shown: at samples and at the end of the run. Tabs with data
             of samples alone, which have no row for the end of the run, choose samples of their own.
 
     Yields:

@@ -36,9 +36,17 @@ from psmpc_cli.figures.scene import (
     scene_of,
 )
 from psmpc_cli.figures.solids import (
+    ABOVE_ALL,
+    ADVICE_ORDER,
+    BASE_ORDER,
     BELOW_ALL,
+    COVER_ORDER,
     DEPTH_ORDER,
+    FLOOR_ORDER,
+    JOINT_ORDER,
+    LINK_ORDER,
     SHADOW_COLOR,
+    SHADOW_ORDER,
     capsule_outline,
     draw_box,
     draw_shadow,
@@ -79,14 +87,14 @@ class SceneLook:
         floor: Whether there are squares below, with shadows.
         triads: Whether targets have the axes of their frames.
         target: How a target is marked besides.
-        paths: What is added to the drawing order of paths.
+        path_order: What is added to the drawing order of paths.
     """
 
     views: list[list[Any]]
     floor: bool = False
     triads: bool = False
     target: Mapping[str, Any] = field(default_factory=dict)
-    paths: float = 0.0
+    path_order: float = 0.0
 
 
 SCENE_LOOKS = {
@@ -96,7 +104,7 @@ SCENE_LOOKS = {
         floor=True,
         triads=True,
         target={"marker": ".", "markersize": 3.0},
-        paths=BELOW_ALL,
+        path_order=BELOW_ALL,
     ),
 }
 """By dimension."""
@@ -106,6 +114,9 @@ FAINT_OPACITY = 0.25
 
 NUMBER_OFFSETS = np.array([(8.0 * x, -7.5 * away) for away in (1, 1.5, 2, 3, 4, 6, 8) for x in (0, 1, -1, 2, -2)])
 """Where a joint's number may be: offsets from the joint (., 2), the nearest first [pt]."""
+
+POINTS_PER_INCH = 72
+"""Points, the unit of sizes of texts, in an inch."""
 
 FLOOR_COLOR = "#E0E0E0"
 """Colour of the squares below a scene."""
@@ -141,7 +152,10 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
         titles += [f"{time:.1f}\N{NO-BREAK SPACE}s: {event}" for time, event in instants_of_run]
         titles += [""] * (panels_of_a_run - len(instants_of_run))
     # for each run its start, from which the first paths are drawn, and the times of its panels
-    times = [[float(scene.run.motion.time[0]), *dict(each)] for scene, each in zip(scenes, instants, strict=True)]
+    times = [
+        [float(scene.run.motion.time[0]), *dict(instants_of_run)]  # the keys are times
+        for scene, instants_of_run in zip(scenes, instants, strict=True)
+    ]
     camera = scenes[0].camera
     extent = np.vstack([scene.extent(times_of_run) for scene, times_of_run in zip(scenes, times, strict=True)])
 
@@ -227,14 +241,21 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
             "",
             tuple(origin + direction),
             tuple(origin),
-            arrowprops={**style.ARROW, "facecolor": "black", "zorder": -BELOW_ALL},
+            arrowprops={**style.ARROW, "facecolor": "black", "zorder": ABOVE_ALL},
         )
         x, y = origin + 1.5 * direction
         axes.text(x, y, name, ha="center", va="center")
 
 
 def set_view(axes: Axes, camera: Camera, view: Bbox, width: float | None = None) -> None:
-    """Set a panel's limits, with equal scales, labels and ticks, some six in a width [m], but two at least."""
+    """Set the limits of a panel, with equal scales, labels, and ticks.
+
+    Args:
+        axes: The panel.
+        camera: From where it is seen.
+        view: The part of the drawing that it shows [m].
+        width: Width in which there are about six ticks, by default that of the view [m]. An axis has at least two.
+    """
     step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(0, width or view.width)[:2]))
     axes.set(xlim=view.intervalx, ylim=view.intervaly, aspect="equal")
     for axis, label in zip((axes.xaxis, axes.yaxis), camera.labels, strict=True):
@@ -288,15 +309,15 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
             axes.plot(
                 *camera.project(target[:3, 3]),
                 color=color,
-                **style.look("target", zorder=-BELOW_ALL, **scene_look.target),
+                **style.look("target", zorder=ABOVE_ALL, **scene_look.target),
             )
             if scene_look.triads:
                 _draw_triad(axes, camera, target, 0.25 * model.shape.reach, "target")
     trail, *_ = camera.project(scene.paths(float(run.motion.time[0]), time))
-    axes.plot(*trail.T, **style.look("path of the base", zorder=scene_look.paths + 1.2))
+    axes.plot(*trail.T, **style.look("path of the base", zorder=scene_look.path_order + 1.2))
     for i, path in enumerate(camera.project(scene.paths(since, time))[1:]):
-        path_order = scene_look.paths + 1.3
-        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=path_order, label="_path of an arm's end")
+        order = scene_look.path_order + 1.3
+        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=order, label="_path of an arm's end")
 
 
 def _draw_obstacles(
@@ -344,20 +365,21 @@ def draw_robot(
     frames = model.body_frames(Q)
     arms = list(model.spec.arms)
     base_look = style.look("base", label=f"_{base}", alpha=alpha)
-    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half_edges(model), base_look, 2.0)
+    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half_edges(model), base_look, BASE_ORDER)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
     for number, (body, frame) in enumerate(zip(model.spec.bodies, frames, strict=True)):
         arm = body.name.rpartition(".")[0]  # links have names such as arm_1.2; empty for the base
         arm_look: dict[str, Any] = {"color": _arm_color(arms.index(arm)) if arm else style.EDGE, "alpha": alpha}
         name = f"_{style.readable(arm)}" if arm and alpha == 1.0 else "_"
+        # pairs of a line's width [pt] and its points (., 3) [m]
         lines = [(1.5, in_inertial_frame(frame, ends)) for ends in shape.capsules[number]]
         lines += [(1.0, in_inertial_frame(frame, points)) for points in grippers.get(number, ())]
         for line_width, points in lines:
             thick_line = {"linewidth": line_width, "solid_capstyle": "round", "label": name, **arm_look}
-            axes.plot(*camera.project(points).T, zorder=3.0 + DEPTH_ORDER * camera.depth(points), **thick_line)
+            axes.plot(*camera.project(points).T, zorder=LINK_ORDER + DEPTH_ORDER * camera.depth(points), **thick_line)
         if arm:
             # the joint is drawn over all lines of its link: its depth is that of the nearest
-            order = 3.1 + DEPTH_ORDER * max(
+            order = JOINT_ORDER + DEPTH_ORDER * max(
                 camera.depth(points) for points in (frame[:3, 3], *(line[1] for line in lines))
             )
             joint = {"marker": "s" if model.spec.joints[number - 1].prismatic else "o", "markersize": 2.2, **arm_look}
@@ -367,11 +389,19 @@ def draw_robot(
 
 
 def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of: str) -> None:
-    """Draw the axes of a frame (4, 4); none where it has no attitude."""
+    """Draw the axes of a frame as lines over all bodies, but for those that point straight to the viewer.
+
+    Args:
+        axes: The panel.
+        camera: From where the frame is seen.
+        frame: The frame (4, 4) [m]; its rotation is NaN where it has no attitude, and then nothing is drawn.
+        length: Length of the lines [m].
+        of: What the frame is of, for the legend.
+    """
     for (name, color), axis in zip(TRIAD_COLORS.items(), frame[:3, :3].T, strict=True):
         ends = camera.project(np.array([frame[:3, 3], frame[:3, 3] + length * axis]))
-        if np.ptp(ends, axis=0).max() > 1e-9:
-            axes.plot(*ends.T, color=color, linewidth=0.8, zorder=3.4 - BELOW_ALL, label=f"_{name} axis of a {of}")
+        if np.ptp(ends, axis=0).max() > 1e-9:  # false for NaN too
+            axes.plot(*ends.T, color=color, linewidth=0.8, zorder=ABOVE_ALL + 3.4, label=f"_{name} axis of a {of}")
 
 
 def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, extent: np.ndarray) -> None:
@@ -396,7 +426,7 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
                 *camera.project(np.column_stack([ends, [floor] * 2])).T,
                 color=FLOOR_COLOR,
                 linewidth=0.5,
-                zorder=2 * BELOW_ALL,
+                zorder=FLOOR_ORDER,
             )
     # points are projected onto z = 0, and their images are then moved to the height of the floor
     onto_floor = np.diag([1.0, 1.0, 0.0])
@@ -405,14 +435,14 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
     frames = model.body_frames(Q)
     hull = corners(frames[0] @ shape.box_frame, shape.box) @ onto_floor
     shadow = ConvexHull(hull[:, :2]).vertices
-    axes.add_patch(Polygon(camera.project(hull[shadow]) + floor_shift, facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
+    axes.add_patch(Polygon(camera.project(hull[shadow]) + floor_shift, facecolor=SHADOW_COLOR, zorder=SHADOW_ORDER))
     for frame, segments in zip(frames, shape.capsules, strict=True):
         for ends in in_inertial_frame(frame, segments):
             axes.plot(
                 *(camera.project(ends @ onto_floor) + floor_shift).T,
                 color=SHADOW_COLOR,
                 linewidth=2.0,
-                zorder=1.5 * BELOW_ALL,
+                zorder=SHADOW_ORDER,
             )
 
 
@@ -430,6 +460,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     model = RobotModel(spec)
     limits = resolve_limits(spec)
     joints_at_rest = np.clip(0.0, limits.position_low, limits.position_high)[model.parts["base"].stop :]
+    # the base is at the origin, in the neutral attitude
     Q = np.r_[model.neutral[: model.nq - len(joints_at_rest)], joints_at_rest]
     frame_size = 0.2 * model.shape.reach
     frames = pose_frames(model.poses(Q))
@@ -445,9 +476,9 @@ def plot_robot(spec: RobotSpec) -> Figure:
     panel_widths = np.ptp(box, axis=0)[: model.dimension - 1]
     panels: dict[Any, Axes] = figure.subplot_mosaic(SCENE_LOOKS[model.dimension].views, width_ratios=panel_widths)
     for camera, axes in panels.items():
-        set_view(
-            axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), panel_widths.sum()
-        )
+        # views along an axis show the whole box, so that they are in line with each other
+        view = camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box))
+        set_view(axes, camera, view, width=panel_widths.sum())
         draw_robot(axes, camera, model, Q)
         _draw_capsules(axes, camera, model, pieces, Q)
         for frame in frames:
@@ -462,8 +493,8 @@ def plot_robot(spec: RobotSpec) -> Figure:
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
     """Write numbers beside the joints of each arm, one text for joints in one place, and draw the joints' axes.
 
-    A text has the first of the `NUMBER_OFFSETS` from its joint at which it covers neither the robot nor another text.
-    Both are stood for by sample points: the offset is free if none of them lies under the text.
+    A text covers neither the robot nor another text, if one of the `NUMBER_OFFSETS` from its joint allows that. Robot
+    and texts are represented by sample points, on none of which a text may lie.
 
     Args:
         axes: The panel.
@@ -471,13 +502,13 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
         model: The robot.
         Q: Its position (nq,).
     """
-    same_place_distance = 0.06 * float(np.ptp(axes.get_xlim()))
-    metres_per_point = float(np.ptp(axes.get_xlim())) / (
-        72 * style.AXIS_WIDTH
-    )  # [m], as about as wide as the axis will be
+    width = float(np.ptp(axes.get_xlim()))  # of the view [m]
+    same_place_distance = 0.06 * width
+    metres_per_point = width / (POINTS_PER_INCH * style.AXIS_WIDTH)  # about, since the panel has its final width later
     frames = model.body_frames(Q)
     covered_points = camera.project(_points_inside(model, Q))
     for index, arm in enumerate(model.spec.arms):
+        # places of joints in the view (2,) [m], with the numbers of the joints there
         places: list[tuple[np.ndarray, list[str]]] = []
         for body, joint, frame in zip(model.spec.bodies[1:], model.spec.joints, frames[1:], strict=True):
             arm_of_joint, _, number = body.name.rpartition(".")
@@ -489,30 +520,37 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
                 places.append((joint_in_view, []))
             places[-1][1].append(number)
             ends = in_inertial_frame(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], joint.axis))
-            axes.plot(*camera.project(ends).T, color="black", linewidth=0.6, zorder=3.3 - BELOW_ALL)
-        for (x, y), names in places:
-            look: dict[str, Any] = {
-                "ha": "center",
-                "va": "center",
-                "color": _arm_color(index),
-                "zorder": 3.6 - BELOW_ALL,
-            }
-            text = ", ".join(names)
-            # half its width and height in points of 1 / 72 in, with a little air
-            half_text = np.array([72 / 2 * style.text_width(text) + 1, 0.6 * style.TEXT])
-            covered_from_here = (covered_points - (x, y)) / metres_per_point
-            offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS  # texts of two arms begin on opposite sides
-            free_offsets = (
-                offset for offset in offsets if not (np.abs(covered_from_here - offset) < half_text).all(axis=1).any()
-            )
-            offset_of_text = next(free_offsets, offsets[0])
-            axes.annotate(text, (x, y), tuple(offset_of_text), textcoords="offset points", **look)
-            # nine points stand for the text, a little wider than it is, so that texts in a row stay apart
-            text_corner = half_text + np.array([0.3 * style.TEXT, 0.0])
-            text_points = offset_of_text + text_corner * np.array(list(product((-1, 0, 1), repeat=2)))
-            covered_points = np.vstack([covered_points, (x, y) + metres_per_point * text_points])
+            axes.plot(*camera.project(ends).T, color="black", linewidth=0.6, zorder=ABOVE_ALL + 3.3)
+        offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS  # texts of two arms begin on opposite sides
+        look: dict[str, Any] = {"ha": "center", "va": "center", "color": _arm_color(index), "zorder": ABOVE_ALL + 3.6}
+        for place, numbers in places:
+            text = ", ".join(numbers)
+            offset, points_of_text = _free_offset(text, (covered_points - place) / metres_per_point, offsets)
+            axes.annotate(text, tuple(place), tuple(offset), textcoords="offset points", **look)
+            covered_points = np.vstack([covered_points, place + metres_per_point * points_of_text])
     # draws nothing: an entry of the common legend, which `finish` writes
     axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
+
+
+def _free_offset(text: str, covered_points: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find where beside a joint a text covers nothing: the first of some offsets at which no covered point is under it.
+
+    Args:
+        text: The text, which is centred at the offset.
+        covered_points: Points that the text should not cover, from the joint (., 2) [pt].
+        offsets: The offsets from the joint to try (., 2) [pt].
+
+    Returns:
+        The offset (2,) [pt], the first one if none is free; and nine points that stand for the text there, from the
+        joint (9, 2) [pt].
+    """
+    # half the width and height of the text, with a little air
+    half_size = np.array([POINTS_PER_INCH / 2 * style.text_width(text) + 1, 0.6 * style.TEXT])
+    free_offsets = (offset for offset in offsets if not (np.abs(covered_points - offset) < half_size).all(axis=1).any())
+    offset = next(free_offsets, offsets[0])
+    # the points reach a little farther than the text, so that texts in a row stay apart
+    corner = half_size + np.array([0.3 * style.TEXT, 0.0])
+    return offset, offset + corner * np.array(list(product((-1, 0, 1), repeat=2)))
 
 
 def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
@@ -589,7 +627,7 @@ def plot_scenario(task: Task) -> Figure:
             _draw_advised_arms(axes, camera, model, advised[i])
         for arm, point in enumerate(camera.project(points[i])):
             axes.plot(
-                *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-BELOW_ALL)
+                *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=ABOVE_ALL)
             )
     return style.finish(figure, describe_view(camera, extent))
 
@@ -599,14 +637,14 @@ def _draw_advised_arms(axes: Axes, camera: Camera, model: RobotModel, posing: Po
     for body, frame, segments in zip(model.spec.bodies, model.body_frames(posing.Q), model.shape.capsules, strict=True):
         if body.name.rpartition(".")[0] in posing.arms:
             for points in in_inertial_frame(frame, segments):
-                order = 3.3 + DEPTH_ORDER * camera.depth(points)
+                order = ADVICE_ORDER + DEPTH_ORDER * camera.depth(points)
                 axes.plot(*camera.project(points).T, **style.look("advised posture of the arms", zorder=order))
 
 
 def _draw_capsules(axes: Axes, camera: Camera, model: RobotModel, pieces: Sequence[Piece], Q: np.ndarray) -> None:
     """Draw the outlines of the capsules of a robot at Q (nq,)."""
     for ends, radius in capsules(model, pieces, Q):
-        order = 3.2 + DEPTH_ORDER * camera.depth(ends)
+        order = COVER_ORDER + DEPTH_ORDER * camera.depth(ends)
         axes.plot(*capsule_outline(camera, ends, radius).T, **style.look("capsules of the bodies", zorder=order))
 
 

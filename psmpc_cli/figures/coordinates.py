@@ -225,7 +225,9 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
         for number, ((name, run), (time, Q)) in enumerate(zip(runs.items(), states, strict=True)):
             look = style.line_look(number)
             values = Q[:, row]
-            axes.plot(time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
+            axes.plot(
+                time, values, linewidth=1.2, label=style.shared_label(style.literal(style.title_of(name))), **look
+            )
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             values_at_switches = np.interp(switches, time, values)
             axes.plot(switches, values_at_switches, "o", markersize=3, color=look["color"])
@@ -235,7 +237,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     for axes in grid[-1]:
         axes.set_xlabel("Time (s)")
     # draws nothing, but is the entry of the dots in the common legend
-    grid[0, 0].plot([], [], "o", markersize=3, color=style.EDGE, label="_ends of stages")
+    grid[0, 0].plot([], [], "o", markersize=3, color=style.EDGE, label=style.shared_label("ends of stages"))
     return style.finish(figure)
 
 
@@ -430,7 +432,7 @@ def plot_errors(run: Run) -> Figure:
     for curve in curves:
         axes = panels[curve.angular]
         look = looks[curve.part]
-        label = "_" if (curve.angular, curve.part) in in_legend else style.readable(curve.part)
+        label = style.NO_LABEL if (curve.angular, curve.part) in in_legend else style.readable(curve.part)
         in_legend.add((curve.angular, curve.part))
         axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label=label, **look)
     # curves of one stage with the same tolerance share its line

@@ -82,21 +82,19 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
             look: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "none", **style.mark_look(stage)}
             look["markersize"] = 2.0
             if samples.any():
-                main_panel.plot(time, instants[samples, stage], gid=name, label="_", **look)
+                main_panel.plot(time, instants[samples, stage], gid=name, label=style.NO_LABEL, **look)
             if np.isfinite(deviation[:, stage]).any():
-                column[1].plot(time, in_unit * deviation[samples, stage], label="_", **look)
+                column[1].plot(time, in_unit * deviation[samples, stage], label=style.NO_LABEL, **look)
 
         # on the line of the present time
         look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
-        main_panel.plot(switch_time, switch_time, "o", label="_actual switch", **look)
+        main_panel.plot(switch_time, switch_time, "o", label=style.shared_label("actual switch"), **look)
         for axes in column[1:]:
             axes.axhline(0.0, **style.LEVEL)
-    grid[0, 0].set_ylim(
-        bottom=min(run.motion.time[0] for run in runs_as_list(runs))
-    )  # all panels share it, so it is set last
-    label_row(
-        grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_as_list(runs))) else NOTHING_PLANNED
-    )
+    # after all is drawn, since the panels of the row share this limit
+    grid[0, 0].set_ylim(bottom=min(run.motion.time[0] for run in runs_as_list(runs)))
+    note = "" if any(map(plans_switches, runs_as_list(runs))) else NOTHING_PLANNED
+    label_row(grid[0], "Planned switch\ntime (s)", note)
     if rows == 2:
         note = style.use_symlog_if_peaks_hide_rest(grid[1, 0], in_unit * np.vstack(deviations))
         label_row(grid[1], f"Planned minus\nactual ({unit})", note)
@@ -137,7 +135,9 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
             _stack_shares(axes, run, values)
             if not np.isfinite(values).any(axis=1).all():
                 # a bar of no height: the entry of the white parts in the common legend
-                axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
+                axes.bar(
+                    run.time[0], 0, color="white", label=[style.shared_label("no share: stages agree, or no solution")]
+                )
         panels[0].set_ylabel(f"Share in the\n{shared} (%)")
     switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_as_list(runs))
     if switched_off:
@@ -176,7 +176,7 @@ def _stack_shares(axes: Axes, run: Run, shares: np.ndarray) -> None:
         axes.add_artist(steps)  # not add_patch, which looks for the limits of every step
     for span in run.spans:
         if span.index:
-            axes.axvline(span.start, color="black", linewidth=0.6, label="_switch")
+            axes.axvline(span.start, color="black", linewidth=0.6, label=style.shared_label("switch"))
         if span.early is not None:
             axes.axvline(span.early, **style.look("early start"))
     axes.set_ylim(0, 100)
@@ -215,7 +215,7 @@ def plot_solve_time(run: Run) -> Figure:
                 **style.mark_look(color_number),
             )
     limit = run.task.spec.controller.sample_time * 1e3
-    above.axhline(limit, label=f"_sample time, {limit:g} ms", **style.LEVEL)
+    above.axhline(limit, label=style.shared_label(f"sample time, {limit:g} ms"), **style.LEVEL)
     style.make_logarithmic(above)
     above.margins(y=0.1)
     below.set_ylabel("Iterations of\nthe solve (1)")
@@ -228,7 +228,7 @@ def plot_solve_time(run: Run) -> Figure:
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall_time, limit)), (below, iterations)):
-            axes.plot(time[failed], values[failed], **style.look("failed", label="_failed solve"))
+            axes.plot(time[failed], values[failed], **style.look("failed", label=style.shared_label("failed solve")))
     return style.finish(figure)
 
 
@@ -246,12 +246,11 @@ def plot_grasps(run: Run) -> Figure:
         for number, (gripper, load_of_gripper) in enumerate(zip(grippers, loads.T, strict=True)):
             axes.plot(run.time, load_of_gripper, label=gripper, **style.line_look(number))
             if run["grasp/lost"][number] == 1:
-                axes.plot(
-                    run["grasp/opened_at"][number], np.nanmax(load_of_gripper), **style.look("failed", label="_lost")
-                )
+                look = style.look("failed", label=style.shared_label("lost"))
+                axes.plot(run["grasp/opened_at"][number], np.nanmax(load_of_gripper), **look)
         is_near = strength < LIMIT_DISTANCE * np.nanmax(np.abs(loads), initial=0.0)
         if is_near:
-            axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
+            axes.axhline(strength, label=style.shared_label(f"strength, {strength:g} {unit}"), **style.LEVEL)
         strength_note = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
         label_row(
             [axes],
@@ -311,7 +310,7 @@ def plot_wheels(run: Run) -> Figure:
                 notes.append(f"limit {limit:g} {unit}, out of view")
                 continue
             for bound in (-limit, limit):
-                axes.axhline(bound, label=f"_limits, {limit:g} {unit} both ways", **style.LEVEL)
+                axes.axhline(bound, label=style.shared_label(f"limits, {limit:g} {unit} both ways"), **style.LEVEL)
         label_row([axes], f"{label}\n({unit})", style.join_notes(*notes))
     return style.finish(figure)
 
@@ -410,15 +409,16 @@ def plot_clearance(run: Run) -> Figure:
         axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
 
     for pair, names in enumerate(pairs.names):
-        draw(distances[:, pair], label=f"_{style.literal(name_of_pair(names))}", **style.line_look(pair))
+        draw(distances[:, pair], label=style.shared_label(style.literal(name_of_pair(names))), **style.line_look(pair))
     if smallest_other < top:
-        draw(others, **style.look("other pairs", label=f"_nearest of {pairs.n_others} others"))
+        draw(others, **style.look("other pairs", label=style.shared_label(f"nearest of {pairs.n_others} others")))
     margins = ", ".join(f"{value:g} mm" for value in np.unique(margin[np.isfinite(margin)]))
-    draw(margin, **style.look("bound", label=f"_margin, {margins}"))
+    draw(margin, **style.look("bound", label=style.shared_label(f"margin, {margins}")))
     axes.axhline(0.0, **style.LEVEL)
     for pair in np.flatnonzero(smallest < 0).tolist():
         deepest = np.nanargmin(distances[:, pair])
-        axes.plot(run.time[deepest], smallest[pair], **style.look("failed", label="_touch", zorder=3))
+        look = style.look("failed", label=style.shared_label("touch"), zorder=3)
+        axes.plot(run.time[deepest], smallest[pair], **look)
     bottom = min(0.0, float(smallest[0]))
     axes.set_ylim(bottom - 0.04 * (top - bottom), top)
     count = len(pairs.names)

@@ -35,7 +35,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
             axes.step(time_after_median, fraction, where="post", label=label, **style.line_look(number))
             low, high = np.array([wilson_interval(count, n_runs) for count in range(len(ended) + 1)]).T
             band = {"color": style.line_look(number)["color"], "alpha": 0.15, "linewidth": 0}
-            axes.fill_between(time_after_median, low, high, step="post", label=f"_{INTERVAL}", **band)
+            axes.fill_between(time_after_median, low, high, step="post", label=style.shared_label(INTERVAL), **band)
     axes.locator_params(axis="x", nbins=5)
     axes.set_ylim(-0.04, 1.04)
     style.panel_legend(axes, style.better_side("left", "sooner"), title="Stage, median of its end")
@@ -116,9 +116,9 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     for axes, panel in zip(all_axes, panels, strict=True):
         for number, (name, value) in enumerate(panel.values.items()):
             look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
-            axes.plot(seed, value, label=name or "_", **look)
-            axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label="_"))
-        axes.axhline(panel.level, label="_", **style.LEVEL)
+            axes.plot(seed, value, label=name or style.NO_LABEL, **look)
+            axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label=style.NO_LABEL))
+        axes.axhline(panel.level, label=style.NO_LABEL, **style.LEVEL)
         axes.margins(y=0.12)
         note = style.use_symlog_if_peaks_hide_rest(axes, panel.all_values)
         if not note and (panel.all_values >= 0).all():

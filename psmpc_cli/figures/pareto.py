@@ -72,9 +72,9 @@ def plot_fronts(results: Results) -> Figure:
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
     # entries of the common legend, which draw nothing
-    rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label="_growing $ω_2/ω_1$")
+    rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label=style.shared_label("growing $ω_2/ω_1$"))
     if len(samples[0]) > 1:
-        rows[0].plot([], [], "k+", label="_$J_2$ bounded")
+        rows[0].plot([], [], "k+", label=style.shared_label("$J_2$ bounded"))
     title = "Time of the sample, $T_0$" + ("" if three_criteria else ": hypervolume")
     better = style.better_side("down and left")
     left_out = ", ".join(f"{instant:.1f} s" for instant in results["instant"][is_large])
@@ -143,7 +143,7 @@ def _look_of_run_weights(results: Results) -> dict[str, Any]:
     ratio = results["chosen_ratio"]
     same = np.ptp(ratio) <= 1e-9 * ratio[0]
     weights = f"$ω_2/ω_1$ = {ratio[0]:g}" if same else "the weights of the run"
-    return style.look("weights of the run", label=f"_least $J_1 + (ω_2/ω_1) J_2$ with {weights}")
+    return style.look("weights of the run", label=style.shared_label(f"least $J_1 + (ω_2/ω_1) J_2$ with {weights}"))
 
 
 def plot_fronts_over_instant(results: Results) -> Figure:
@@ -188,12 +188,15 @@ def _plot_fronts_of_sample_over_instant(axes: Any, results: Results, sample: int
         y, x = J[sample, held].T
         dominated = is_dominated[sample, held]
         efficient = np.flatnonzero(~dominated).tolist()
-        axes.plot(x, y, wait, markevery=efficient, label="_switch time held", **FRONT_LOOK, **style.mark_look(0))
-        axes.plot(x, y, floor, color="#D5D5D5", linewidth=0.9, label="_in the plane of $J_1$ and $J_2$")
+        look = {**FRONT_LOOK, **style.mark_look(0), "label": style.shared_label("switch time held")}
+        axes.plot(x, y, wait, markevery=efficient, **look)
+        axes.plot(
+            x, y, floor, color="#D5D5D5", linewidth=0.9, label=style.shared_label("in the plane of $J_1$ and $J_2$")
+        )
         if dominated.any():
             axes.plot(x[dominated], y[dominated], wait, **style.look("dominated", markersize=3.5, markeredgewidth=0.8))
     free_front = [results[f"free_{name}"][sample] for name in ("J_2", "J_1", "wait")]
-    axes.plot(*free_front, label="_switch time free", **FRONT_LOOK, **style.mark_look(1))
+    axes.plot(*free_front, label=style.shared_label("switch time free"), **FRONT_LOOK, **style.mark_look(1))
     point_of_run = (
         results["chosen_J_2"][sample],
         results["chosen_J_1"][sample],

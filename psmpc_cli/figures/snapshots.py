@@ -317,7 +317,9 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
     axes.plot(*trail.T, **style.look("path of the base", zorder=scene_look.path_order + 1.2))
     for i, path in enumerate(camera.project(scene.paths(since, time))[1:]):
         order = scene_look.path_order + 1.3
-        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=order, label="_path of an arm's end")
+        axes.plot(
+            *path.T, color=_arm_color(i), linewidth=0.6, zorder=order, label=style.shared_label("path of an arm's end")
+        )
 
 
 def _draw_obstacles(
@@ -340,7 +342,7 @@ def _draw_obstacles(
         moves = any(obstacle.velocity)
         frame = obstacle_frame(obstacle, time or 0.0)
         name = "obstacle at the start" if moves and time is None else "obstacle"
-        draw_shape(axes, camera, shape, frame, extent, style.look("obstacle", label=f"_{name}"))
+        draw_shape(axes, camera, shape, frame, extent, style.look("obstacle", label=style.shared_label(name)))
         if camera == OBLIQUE:
             draw_shadow(axes, camera, shape, frame, float(extent[:, 2].min()))
         if moves and time and shape.kind != "half_space":
@@ -364,13 +366,13 @@ def draw_robot(
     shape = model.shape
     frames = model.body_frames(Q)
     arms = list(model.spec.arms)
-    base_look = style.look("base", label=f"_{base}", alpha=alpha)
+    base_look = style.look("base", label=style.shared_label(base), alpha=alpha)
     draw_box(axes, camera, frames[0] @ shape.box_frame, base_half_edges(model), base_look, BASE_ORDER)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
     for number, (body, frame) in enumerate(zip(model.spec.bodies, frames, strict=True)):
         arm = body.name.rpartition(".")[0]  # links have names such as arm_1.2; empty for the base
         arm_look: dict[str, Any] = {"color": _arm_color(arms.index(arm)) if arm else style.EDGE, "alpha": alpha}
-        name = f"_{style.readable(arm)}" if arm and alpha == 1.0 else "_"
+        name = style.shared_label(style.readable(arm)) if arm and alpha == 1.0 else style.NO_LABEL
         # pairs of a line's width [pt] and its points (., 3) [m]
         lines = [(1.5, in_inertial_frame(frame, ends)) for ends in shape.capsules[number]]
         lines += [(1.0, in_inertial_frame(frame, points)) for points in grippers.get(number, ())]
@@ -401,7 +403,8 @@ def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of
     for (name, color), axis in zip(TRIAD_COLORS.items(), frame[:3, :3].T, strict=True):
         ends = camera.project(np.array([frame[:3, 3], frame[:3, 3] + length * axis]))
         if np.ptp(ends, axis=0).max() > 1e-9:  # false for NaN too
-            axes.plot(*ends.T, color=color, linewidth=0.8, zorder=ABOVE_ALL + 3.4, label=f"_{name} axis of a {of}")
+            label = style.shared_label(f"{name} axis of a {of}")
+            axes.plot(*ends.T, color=color, linewidth=0.8, zorder=ABOVE_ALL + 3.4, label=label)
 
 
 def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, extent: np.ndarray) -> None:
@@ -529,7 +532,8 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
             axes.annotate(text, tuple(place), tuple(offset), textcoords="offset points", **look)
             covered_points = np.vstack([covered_points, place + metres_per_point * points_of_text])
     # draws nothing: an entry of the common legend, which `finish` writes
-    axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
+    joint_look: dict[str, Any] = {"linewidth": 0.6, "markersize": 2.2, "markerfacecolor": "white"}
+    axes.plot([], [], "ko-", label=style.shared_label("joint, its axis"), **joint_look)
 
 
 def _free_offset(text: str, covered_points: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -627,7 +631,9 @@ def plot_scenario(task: Task) -> Figure:
             _draw_advised_arms(axes, camera, model, advised[i])
         for arm, point in enumerate(camera.project(points[i])):
             axes.plot(
-                *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=ABOVE_ALL)
+                *point,
+                color=_arm_color(arm),
+                **style.look("target", label=style.shared_label("point to look at"), zorder=ABOVE_ALL),
             )
     return style.finish(figure, describe_view(camera, extent))
 

@@ -62,6 +62,9 @@ PEAK_RATIO = 5.0
 BETTER: Mapping[str, str] = {"up": "↑", "down": "↓", "left": "←", "down and left": "↙"}
 """Arrows to the better side of an axis."""
 
+NO_LABEL = "_"
+"""Label of an artist that has an entry in no legend."""
+
 LIMIT_DASH = 4.0
 """Length of a dash of a limit that several lines share [line widths]."""
 
@@ -201,7 +204,15 @@ def mark_look(index: int) -> dict[str, Any]:
 
 def look(name: str, **more: Any) -> dict[str, Any]:
     """Return the look of what legends call by this name, with the label by which `finish` finds it."""
-    return {"label": f"_{name}", **LOOKS[name], **more}
+    return {"label": shared_label(name), **LOOKS[name], **more}
+
+
+def shared_label(text: str) -> str:
+    """Return the label of an artist that has an entry in the legend that all panels share and `finish` writes.
+
+    Labels that begin with an underscore are those that Matplotlib leaves out of the panels' own legends.
+    """
+    return f"_{text}"
 
 
 def words_of(name: str) -> str:
@@ -387,10 +398,12 @@ def draw_limit(axes: Axes, x: ArrayLike, y: ArrayLike, colors: Sequence[Any], la
     In the legend it has no line's colour.
     """
     every = len(colors)
-    axes.plot([], [], label=f"_{label}", **LEVEL)
+    axes.plot([], [], label=shared_label(label), **LEVEL)
     for turn, color in enumerate(colors):
         dashes: Any = (turn * LIMIT_DASH, (LIMIT_DASH, LIMIT_DASH * (every - 1))) if every > 1 else "-"
-        axes.plot(x, y, **{**LEVEL, "color": color, "linestyle": dashes, "dash_capstyle": "butt"}, label=f"_{label}")
+        axes.plot(
+            x, y, **{**LEVEL, "color": color, "linestyle": dashes, "dash_capstyle": "butt"}, label=shared_label(label)
+        )
 
 
 def use_symlog_if_peaks_hide_rest(axes: Axes, values: np.ndarray) -> str:

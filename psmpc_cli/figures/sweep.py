@@ -22,7 +22,7 @@ RANGE = "lowest to highest of one ratio"
 
 FAILED_MISSION: Mapping[str, Any] = {
     "name": "ring around a failed run",
-    "label": "_mission failed",
+    "label": style.shared_label("mission failed"),
     "zorder": 4,
     "path_effects": [withStroke(linewidth=1.8, foreground="white")],
 }
@@ -43,7 +43,8 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
     _plot_contour(axes, x, y, start - earliest, cells.task.spec.controller.sample_time)
     if cells.waiting.any():
-        axes.bar(x[0], 0, color="white", label=["_waiting"])  # of no height: the entry of white cells in the legend
+        # a bar of no height: the entry of white cells in the legend
+        axes.bar(x[0], 0, color="white", label=[style.shared_label("waiting")])
     _mark_cells(axes, cells, {"failed": cells.failed})
     return _finish_priority_plane(figure, axes, cells, scale, label)
 
@@ -68,7 +69,7 @@ def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) 
         axes.plot(*np.log10(cells.omega)[failed].T, **style.look(**FAILED_MISSION))
     best = recommend(cells).omega
     if best is not None:
-        label = f"_recommended, ω₂/ω₁ = {best[1] / best[0]:.4g}"
+        label = style.shared_label(f"recommended, ω₂/ω₁ = {best[1] / best[0]:.4g}")
         axes.plot(*np.log10(best), **style.look("recommended", label=label, clip_on=False))
 
 
@@ -104,27 +105,25 @@ def plot_surface(cells: SweepCells) -> Figure:
     if failed.any():
         axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
     if cells.ended.any():  # drawn from the lowest to the highest, since each covers what is drawn before
-        axes.plot(*frame, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{EARLIEST_START}", **style.LEVEL)
+        axes.plot(
+            *frame, [scale.vmin] * 5, linestyle=style.DASHED, label=style.shared_label(EARLIEST_START), **style.LEVEL
+        )
         colors = ScalarMappable(scale).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
-        axes.plot(*frame, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
+        axes.plot(*frame, [scale.vmax] * 5, label=style.shared_label("$t_s$"), **style.LEVEL)
     if (mission_failed := cells.ended & ~cells.succeeded).any():
-        axes.plot(
-            x.flat[mission_failed], y.flat[mission_failed], starts[mission_failed], **style.look(**FAILED_MISSION)
-        )
+        places = x.flat[mission_failed], y.flat[mission_failed], starts[mission_failed]
+        axes.plot(*places, **style.look(**FAILED_MISSION))
     best = recommend(cells).omega
+    # no cell is close to NaN, which stands for no recommendation
     is_recommended = cells.ended & (best is not None) & np.isclose(cells.omega, best or np.nan).all(axis=1)
     if is_recommended.any():
-        name = f"_recommended, ω₂/ω₁ = {cells.ratio[is_recommended][0]:.4g}"
-        axes.plot(
-            x.flat[is_recommended],
-            y.flat[is_recommended],
-            starts[is_recommended],
-            **style.look("recommended", label=name),
-        )
+        legend_label = style.shared_label(f"recommended, ω₂/ω₁ = {cells.ratio[is_recommended][0]:.4g}")
+        place = x.flat[is_recommended], y.flat[is_recommended], starts[is_recommended]
+        axes.plot(*place, **style.look("recommended", label=legend_label))
     if cells.waiting.any():
-        axes.plot([], [], linestyle="none", label="_blank: waiting")  # an entry of the legend alone
+        axes.plot([], [], linestyle="none", label=style.shared_label("blank: waiting"))  # an entry of the legend alone
     axes.view_init(24.0, -128.0)
     axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
     axes.set_xlabel("ω₁ (1)", labelpad=-6)
@@ -182,7 +181,7 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, delay: np.ndarray, s
     values = np.ma.masked_where(~known, is_earliest.astype(float))  # 1 inside, 0 outside
     for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
         axes.contour(x, y, values, levels=[0.5], colors=color, linewidths=width)
-    axes.plot([], [], color="black", linewidth=1.0, label=f"_{EARLIEST_START}, to one sample")
+    axes.plot([], [], color="black", linewidth=1.0, label=style.shared_label(f"{EARLIEST_START}, to one sample"))
 
 
 def plot_starts(cells: SweepCells) -> Figure:
@@ -278,10 +277,10 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     for axes, compared in zip(all_axes, quantities, strict=True):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
             # the first panel explains the vertical lines of all
-            label = f"task's {cells.own_ratio:.4g}" if axes is all_axes[0] else "_"
+            label = f"task's {cells.own_ratio:.4g}" if axes is all_axes[0] else style.NO_LABEL
             axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
-            label = f"recommended {best:.4g}" if axes is all_axes[0] else "_"
+            label = f"recommended {best:.4g}" if axes is all_axes[0] else style.NO_LABEL
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
         if np.isfinite(compared.level):
             axes.axhline(compared.level, linestyle=style.DASHED, label=compared.level_label, **style.LEVEL)
@@ -340,4 +339,4 @@ def _plot_over_ratio(axes: Axes, values: AlongRatio, **look: Any) -> None:
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
         band = {"color": look["color"], "alpha": 0.2, "linewidth": 0}
-        axes.fill_between(values.ratio, values.lowest, values.highest, label=f"_{RANGE}", **band)
+        axes.fill_between(values.ratio, values.lowest, values.highest, label=style.shared_label(RANGE), **band)

@@ -209,7 +209,8 @@ def draw_stages(
         span = bar.span
         middle = first_row + bar.row + 0.5
         if span.early is not None:
-            early_label = ["_next stage already acts"]  # a list labels the patch; a text would label its container
+            # a list labels the patch; a text would label its container
+            early_label = [style.shared_label("next stage already acts")]
             axes.barh(
                 middle, span.start - bar.left, STAGE_BAR_HEIGHT, bar.left, facecolor=style.EARLY, label=early_label
             )

@@ -302,12 +302,7 @@ def _timed_solves(
         for solve in recorded
     ]
     solutions = [call() for call in calls]
-    times = np.zeros((len(calls), repeat))  # wall times [s]
-    generator = np.random.default_rng(problem.spec.seed)
-    for round_number in range(repeat):
-        for call_number in generator.permutation(len(calls)):
-            times[call_number, round_number] = calls[call_number]().wall_time
-            after_solve()
+    times = _times_in_rounds(calls, repeat, problem.spec.seed, after_solve)
     tight_solver = NlpSolver(problem, spec.model_copy(update=TIGHT))
     polishing_solver = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
     for window_number, (window, guess) in enumerate(
@@ -317,28 +312,59 @@ def _timed_solves(
         # IPOPT goes on from there to the last digits, where that succeeds
         polished = polishing_solver.solve(window, optimum.plan)
         optimum = polished if polished.outcome is Outcome.OPTIMAL else optimum
-        # without an optimum there is nothing to compare with: NaN
-        one_if_known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
         # calls are by case and, within a case, by window
         for call_number, case in zip(range(window_number, len(calls), len(recorded)), cases, strict=True):
             solution = solutions[call_number]
-            gap = one_if_known * (solution.objective - optimum.objective) / abs(optimum.objective)
-            switch_error = one_if_known * np.abs(solution.plan.switch_times - optimum.plan.switch_times).max(
-                initial=0.0
-            )
             violation = tight_solver.violation(window, solution.plan)
-            yield (
-                case,
-                TimedSolve(
-                    stages=len(window.stages),
-                    usable=solution.outcome.usable,
-                    iterations=solution.iterations,
-                    gap=gap,
-                    switch_error=switch_error,
-                    violation=violation,
-                    times=times[call_number],
-                ),
-            )
+            yield case, _beside_optimum(solution, optimum, violation, times[call_number])
+
+
+def _times_in_rounds(
+    calls: Sequence[Callable[[], Solution]], repeat: int, seed: int, after_solve: Callable[[], None]
+) -> np.ndarray:
+    """Make every call once in each of some rounds, in a new random order in each, and return their times.
+
+    The order spreads other load on the machine over all calls.
+
+    Args:
+        calls: Functions that solve a window.
+        repeat: Number of rounds.
+        seed: Seed of the random orders.
+        after_solve: Called after every call.
+
+    Returns:
+        Wall times of the solves (calls, rounds) [s].
+    """
+    times = np.zeros((len(calls), repeat))
+    generator = np.random.default_rng(seed)
+    for round_number in range(repeat):
+        for call_number in generator.permutation(len(calls)):
+            times[call_number, round_number] = calls[call_number]().wall_time
+            after_solve()
+    return times
+
+
+def _beside_optimum(solution: Solution, optimum: Solution, violation: float, times: np.ndarray) -> TimedSolve:
+    """Compare a solution of a window with its true optimum.
+
+    Args:
+        solution: The solution of a back-end.
+        optimum: The optimum, if its outcome says so; otherwise there is nothing to compare with, and differences are
+            NaN.
+        violation: Largest violation of a constraint by the solution.
+        times: Wall times that the back-end took (repeat,) [s].
+    """
+    one_if_known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
+    switch_errors = np.abs(solution.plan.switch_times - optimum.plan.switch_times)
+    return TimedSolve(
+        stages=len(solution.window.stages),
+        usable=solution.outcome.usable,
+        iterations=solution.iterations,
+        gap=one_if_known * (solution.objective - optimum.objective) / abs(optimum.objective),
+        switch_error=one_if_known * switch_errors.max(initial=0.0),
+        violation=violation,
+        times=times,
+    )
 
 
 def _solve_to_time(

@@ -390,12 +390,12 @@ class Workers:
     Attributes:
         submit: Function that has a function called on an item.
         result: Function from a call that has ended to what it returned; it raises what the call raised.
-        killed: What a call raises that kills its process.
+        error_if_killed: What a call raises if its process is killed.
     """
 
     submit: Callable[[Callable[[Any], Any], Any], Future[Any]]
     result: Callable[[Future[Any]], Any]
-    killed: type[Exception]
+    error_if_killed: type[Exception]
 
 
 def compute(
@@ -435,8 +435,8 @@ def compute(
             submitted = dict(islice(waiting.items(), 1 if one_at_a_time or in_this_process else None))
             ended_calls = SimpleQueue[Future[Any]]()
             worker_source = _workers_at(jobs, dask, in_this_process)
-            # if a process is killed, submissions and calls raise `killed`; those without a result are then made again
-            with worker_source as workers, suppress(workers.killed):
+            # if a process is killed, submissions and calls raise this error; those without a result are then made again
+            with worker_source as workers, suppress(workers.error_if_killed):
                 with _interrupts_blocked():
                     calls = {workers.submit(function, item): key for key, item in submitted.items()}
                 for call in calls:
@@ -449,15 +449,16 @@ def compute(
                     except Empty:
                         continue
                     key = calls.pop(call)
-                    if not isinstance(call.exception(), workers.killed):
+                    if not isinstance(call.exception(), workers.error_if_killed):
                         del waiting[key]
                         yield key, workers.result(call)
             # a call that was made alone and has no result has killed its process, and is given up; of several calls any
             # may have done it, so the first of them is made alone next time
             without_result = submitted.keys() & waiting.keys()
-            for key in without_result if one_at_a_time else ():
-                del waiting[key]
-                yield key, None
+            if one_at_a_time:
+                for key in without_result:
+                    del waiting[key]
+                    yield key, None
             one_at_a_time = bool(without_result) and not one_at_a_time
 
 
@@ -541,8 +542,16 @@ def _call_at_once(function: Callable[[Item], Result], item: Item) -> Future[Resu
 
 @contextmanager
 def _workers_on_this_machine(jobs: int) -> Iterator[Workers]:
-    """Provide processes of this machine, which later calls reuse."""
-    ensure_running()  # multiprocessing's tracker of resources, whose start unblocks interrupts
+    """Provide processes of this machine, which wait for further calls for some time after the last one.
+
+    Results come back as files in a temporary folder, see `_call_and_store_result`. If the caller is interrupted or
+    fails, the processes are killed.
+
+    Args:
+        jobs: Number of processes.
+    """
+    # first start multiprocessing's tracker of resources: its start unblocks the interrupts that are blocked below
+    ensure_running()
     with TemporaryDirectory(prefix="psmpc-") as folder:
         with _interrupts_blocked():
             executor = get_reusable_executor(

@@ -370,7 +370,7 @@ def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others
         A sentence with the reason of the failure and, of the other runs that succeed, their number and the fastest.
     """
     completed_all_stages = cells.reference("completed") == 1
-    # a run that ended all its stages has no reason of failure on record
+    # on record is why the run ended; if it ended with its last stage, this does not say why the mission failed
     broken = "a monitor broke, or the object was not delivered"
     reason = broken if completed_all_stages else str(cells.reference("reason"))
     fastest = f", the fastest that of ratio {ratios[np.argmin(ends)]:.4g}, at {ends.min():.2f} s" if len(ends) else ""

@@ -310,7 +310,7 @@ def _print_runs_of_sweep(cells: SweepCells, verbose: bool) -> None:
     shares_ratios = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), most)).round().astype(int))]
     ends = [cells.first_switch, cells.quantity("completion_time")]  # of the first and the second stage
-    thresholds = range(len(cells.epsilons)) if verbose else [cells.chosen]
+    thresholds = range(len(cells.epsilons)) if verbose else [cells.shown_threshold]
     rows = []
     for run in kept:
         starts = cells.quantity("actual_start")[run][thresholds]

@@ -149,8 +149,8 @@ def _look_of_run_weights(results: Results) -> dict[str, Any]:
 def plot_fronts_over_instant(results: Results) -> Figure:
     """Plot for each sample the fronts with the switch time held ever later, with this time as the third axis.
 
-    The other axes are both costs [s]. On the floor of each panel are the projections of the fronts: those of later
-    switch times cross those of earlier ones, so each switch time is best for some trade-off between the costs.
+    The other axes are both costs [s]. On the floor of each panel are the projections of the fronts. Where those of
+    later switch times cross those of earlier ones, the later switch time becomes the better choice, or the worse one.
     """
     samples = len(results["instant"])
     rows = -(-samples // 3)  # rounded up

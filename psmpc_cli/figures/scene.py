@@ -165,9 +165,9 @@ class Scene:
 
     def points(self, time: float) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds robot and object at a time [s]."""
-        robot = outline(self.run.problem.model, self.run.motion.coordinates_at(time))
+        robot = points_around_robot(self.run.problem.model, self.run.motion.coordinates_at(time))
         frame = self.object_frame(time)
-        return robot if frame is None else np.vstack([robot, corners(frame, self.object_half_edges)])
+        return robot if frame is None else np.vstack([robot, box_corners(frame, self.object_half_edges)])
 
     def extent(self, times: Iterable[float]) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds all that is drawn up to and at these times [s], shadows too."""
@@ -263,7 +263,7 @@ def nearby_points_of_obstacle(obstacle: ObstacleSpec, time: float, points: np.nd
     shape = obstacle.shape.shape
     frame = obstacle_frame(obstacle, time)
     if shape.kind == "box":
-        obstacle_points = corners(frame, half_edges(shape.edges))
+        obstacle_points = box_corners(frame, half_edges(shape.edges))
     elif shape.kind == "capsule":
         # the points of a sphere along the axes stand for each end
         around = shape.size[0] * np.vstack([np.eye(3), -np.eye(3)])
@@ -379,13 +379,13 @@ def grasp_frame(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     return np.asarray(first)
 
 
-def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+def points_around_robot(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return points (., 3) [m] whose hull holds the robot at Q (nq,)."""
     shape = model.shape
     frames = model.body_frames(Q)
     parts = [(tool.body, shape.grippers[arm]) for arm, tool in model.spec.tools.items()]
     parts += [(body, ends.reshape(-1, 3)) for body, ends in enumerate(shape.capsules)]
-    box = corners(frames[0] @ shape.box_frame, base_half_edges(model))
+    box = box_corners(frames[0] @ shape.box_frame, base_half_edges(model))
     return np.vstack([box, *(in_inertial_frame(frames[body], points) for body, points in parts)])
 
 
@@ -404,7 +404,7 @@ def half_edges(shape: Sequence[float]) -> np.ndarray:
     return np.array([*shape, 0.0, 0.0, 0.0][:3]) / 2
 
 
-def corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
+def box_corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return the corners (8, 3) [m] of a box with half edges (3,) in a frame (4, 4)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return in_inertial_frame(frame, signs * half)

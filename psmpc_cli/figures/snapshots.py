@@ -24,14 +24,14 @@ from psmpc_cli.figures.scene import (
     Camera,
     Scene,
     base_half_edges,
+    box_corners,
     capsules,
-    corners,
     half_edges,
     in_inertial_frame,
     object_frames,
     obstacle_frame,
-    outline,
     pointing_targets,
+    points_around_robot,
     points_with_shadows,
     scene_of,
 )
@@ -234,7 +234,8 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
     corners_inside = view.get_points() + 1.7 * length * np.array([[1], [-1]])
     # the one whose nearest point is farthest away
     origin = max(
-        Bbox(corners_inside).corners(), key=lambda corner: float(np.linalg.norm(points_in_view - corner, axis=1).min())
+        Bbox(corners_inside).corners(),
+        key=lambda corner: float(np.linalg.norm(points_in_view - corner, axis=1).min()),
     )
     for name, direction in zip("xyz", camera.project(length * np.eye(3)), strict=True):
         axes.annotate(
@@ -436,7 +437,7 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
     floor_shift = camera.project([0, 0, 1]) * floor
     shape = model.shape
     frames = model.body_frames(Q)
-    hull = corners(frames[0] @ shape.box_frame, shape.box) @ onto_floor
+    hull = box_corners(frames[0] @ shape.box_frame, shape.box) @ onto_floor
     shadow = ConvexHull(hull[:, :2]).vertices
     axes.add_patch(Polygon(camera.project(hull[shadow]) + floor_shift, facecolor=SHADOW_COLOR, zorder=SHADOW_ORDER))
     for frame, segments in zip(frames, shape.capsules, strict=True):
@@ -468,7 +469,10 @@ def plot_robot(spec: RobotSpec) -> Figure:
     frame_size = 0.2 * model.shape.reach
     frames = pose_frames(model.poses(Q))
     points = np.vstack(
-        [outline(model, Q), *(in_inertial_frame(frame, frame_size * np.eye(3)[: model.dimension]) for frame in frames)]
+        [
+            points_around_robot(model, Q),
+            *(in_inertial_frame(frame, frame_size * np.eye(3)[: model.dimension]) for frame in frames),
+        ]
     )
     pieces = pieces_of(spec) if spec.geometry else ()
     for ends, radius in capsules(model, pieces, Q):
@@ -572,7 +576,7 @@ def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     shape = model.shape
     frames = model.body_frames(Q)
     fractions = np.linspace(0.0, 1.0, 25)
-    shrunk_boxes = [corners(frames[0] @ shape.box_frame, part * base_half_edges(model)) for part in fractions]
+    shrunk_boxes = [box_corners(frames[0] @ shape.box_frame, part * base_half_edges(model)) for part in fractions]
     points_in_box = [
         first + fraction * (second - first)
         for box in shrunk_boxes
@@ -611,8 +615,8 @@ def plot_scenario(task: Task) -> Figure:
     points = [pointing_targets(model, stage) for stage in stages]
     advised = {posing.stage: posing for posing in posings(task, model, stages, stops)}
     extent = points_with_shadows(
-        [outline(model, Q) for Q in [*stops, *(posing.Q for posing in advised.values())]],
-        [*(corners(frame, half) for frame in objects), *points],
+        [points_around_robot(model, Q) for Q in [*stops, *(posing.Q for posing in advised.values())]],
+        [*(box_corners(frame, half) for frame in objects), *points],
         task.spec.obstacles,
     )
     pieces = pieces_of(task.robot) if task.spec.keeps_clear else ()

@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
-from psmpc_cli.figures.scene import PLAN, Camera, capsule_ends, corners, half_edges, in_inertial_frame
+from psmpc_cli.figures.scene import PLAN, Camera, box_corners, capsule_ends, half_edges, in_inertial_frame
 from psmpc_cli.specs.geometry import Shape
 
 DEPTH_ORDER = 100.0
@@ -104,7 +104,7 @@ def draw_shadow(axes: Axes, camera: Camera, shape: Shape, frame: np.ndarray, flo
     if shape.kind == "half_space":
         return
     if shape.kind == "box":
-        points = corners(frame, half_edges(shape.edges))
+        points = box_corners(frame, half_edges(shape.edges))
     else:
         points = _silhouette_points(PLAN, in_inertial_frame(frame, capsule_ends(shape)), shape.size[0])
     points = points[ConvexHull(points[:, :2]).vertices]

@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.sweep import ALLOWED_ERROR, AlongRatio, SweepCells, recommend
+from psmpc_cli.studies.sweep import ALLOWED_ERROR, QuantityByRatio, SweepCells, recommend
 
 EARLIEST_START = "$t_s - T_h$"
 
@@ -150,8 +150,8 @@ def _starts_of_threshold(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]
         The starts (cells,) [s], NaN of cells that have not ended the stage; the scale of their colours, from the
         earliest t_s - T_h to the latest t_s; and the label of the axis.
     """
-    starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.chosen], np.nan)
-    label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.chosen]:g} (s)"
+    starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.shown_threshold], np.nan)
+    label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.shown_threshold]:g} (s)"
     if not cells.ended.any():
         return starts, Normalize(0.0, 1.0), label
     return starts, Normalize(cells.earliest_start[cells.ended].min(), cells.first_switch[cells.ended].max()), label
@@ -194,8 +194,8 @@ def plot_starts(cells: SweepCells) -> Figure:
         cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3, cells.failed
     )
     if cells.ended.any():
-        switch = AlongRatio(cells, cells.first_switch)
-        earliest = AlongRatio(cells, cells.earliest_start)
+        switch = QuantityByRatio(cells, cells.first_switch)
+        earliest = QuantityByRatio(cells, cells.earliest_start)
         margin = 0.06 * cells.task.spec.controller.horizon
         low = float(earliest.lowest.min()) - margin
         high = float(switch.highest.max()) + margin
@@ -208,7 +208,9 @@ def plot_starts(cells: SweepCells) -> Figure:
         starts = cells.quantity("actual_start")
         for threshold in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[threshold]:g}"
-            _plot_over_ratio(axes, AlongRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold))
+            _plot_over_ratio(
+                axes, QuantityByRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold)
+            )
     style.panel_legend(axes, style.better_side("down", "sooner"))
     return style.finish(figure)
 
@@ -284,7 +286,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
         if np.isfinite(compared.level):
             axes.axhline(compared.level, linestyle=style.DASHED, label=compared.level_label, **style.LEVEL)
-        _plot_over_ratio(axes, AlongRatio(cells, compared.values), **style.line_look(0))
+        _plot_over_ratio(axes, QuantityByRatio(cells, compared.values), **style.line_look(0))
         _choose_scale(axes, np.append(compared.values[cells.ended], compared.level))
         if compared.from_zero and axes.get_yscale() == "linear":
             axes.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.values[cells.ended], compared.level))))
@@ -334,7 +336,7 @@ def _panels_over_ratio(
     return figure, rows
 
 
-def _plot_over_ratio(axes: Axes, values: AlongRatio, **look: Any) -> None:
+def _plot_over_ratio(axes: Axes, values: QuantityByRatio, **look: Any) -> None:
     """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):

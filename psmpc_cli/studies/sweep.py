@@ -223,13 +223,13 @@ class SweepCells:
         return int(np.maximum(self.quantity(name)[own], 0).sum())
 
     @property
-    def chosen(self) -> int:
+    def shown_threshold(self) -> int:
         """Index of the threshold to show where only one is shown: the task's own, the largest if that is missing."""
         own = np.flatnonzero(np.isclose(self.epsilons, self.task.spec.onset.epsilon))
         return int(own[0]) if len(own) else int(np.argmax(self.epsilons))
 
 
-class AlongRatio:
+class QuantityByRatio:
     """A quantity of the cells of a sweep over the ratio of priorities omega_2 / omega_1.
 
     Cells of one ratio differ by no more than the solver's tolerance, unless other stages are in the window as well.

@@ -226,7 +226,11 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
             look = style.line_look(number)
             values = Q[:, row]
             axes.plot(
-                time, values, linewidth=1.2, label=style.shared_label(style.literal(style.title_of(name))), **look
+                time,
+                values,
+                linewidth=1.2,
+                label=style.shared_label(style.escape_dollars(style.title_of(name))),
+                **look,
             )
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             values_at_switches = np.interp(switches, time, values)
@@ -271,6 +275,7 @@ def _plot_quantity(
     model = runs_as_list(runs)[0].problem.model
     panels = coordinate_panels(model, linear, angular, base_unit_note)
     panels = panels_that_vary(model, panels, [values for _, values in curves])
+    # names that will stand beside the ends of lines
     labels = [label for panel in panels for label in (*panel.labels, *[TO_TARGET] * (panel.quantity == "attitude"))]
     figure, grid = timeline(runs, len(panels), PANEL_HEIGHT, beside=labels)
     for row_of_axes, panel in zip(grid, panels, strict=True):
@@ -284,6 +289,7 @@ def _plot_quantity(
             if second_curve is not None and not np.array_equal(second_curve[1], all_values, equal_nan=True):
                 look_name, second_values = second_curve
                 axes.plot(time, second_values[:, panel.rows], **style.look(look_name))
+            # beside the attitude of a base in space, how far it is from the one that the stage aims at
             if panel.quantity == "attitude" and np.isfinite(angle := attitude_error(run)).any():
                 axes.plot(time, angle, label=TO_TARGET, color="black", linewidth=0.8)
 
@@ -402,6 +408,7 @@ def limits_in_view(limits: Sequence[np.ndarray], values: np.ndarray) -> list[tup
     Returns:
         Pairs of a limit over time (T,), NaN where it is left out, and the columns of `values` that it bounds.
     """
+    # where all values are 0, all limits are drawn
     largest_drawn = LIMIT_DISTANCE * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
     lines_of_limit: dict[bytes, tuple[np.ndarray, list[int]]] = {}
     for side in limits:
@@ -476,18 +483,17 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
     for span in run.spans:
         in_span = (motion.time > span.start) & (motion.time < span.end)
         time = np.r_[span.start, motion.time[in_span], span.end]
-        stage = run.followed(span)
+        stage = run.followed(span)  # with the target that it had in this span
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_stage_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end.rows, stage.end.tolerance, strict=True))
 
-        first_row = 0  # of the part, in the rows of the stage's error
+        # the rows of the stage's error are those of its parts one after the other, one for each of a part's axes
+        first_row = 0
         for part, axes in axes_of(parts_of_robot, stage.space).items():
+            is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
             for angular in (False, True):
-                is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
-                rows = [
-                    row for row, is_angle_of_axis in enumerate(is_angle, start=first_row) if is_angle_of_axis == angular
-                ]
+                rows = [row for row, is_angular in enumerate(is_angle, start=first_row) if is_angular == angular]
                 rows_in_end = [row for row in rows if row in tolerances]
                 if rows_shown := rows_in_end or [row for row in rows if stage.relevant_rows[row]]:
                     largest = errors[:, rows_shown].max(axis=1)

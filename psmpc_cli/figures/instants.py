@@ -204,16 +204,11 @@ def plot_solve_time(run: Run) -> Figure:
     stage_counts = np.unique(stages_in_window[solved])
     for color_number, stages in enumerate(stage_counts):
         samples = solved & (stages_in_window == stages)
+        # the last label says what all of them count
         label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == stage_counts[-1] else ''}"
         for axes, values in ((above, wall_time), (below, iterations)):
-            axes.plot(
-                time[samples],
-                values[samples],
-                label=label,
-                linestyle="none",
-                markersize=1.8,
-                **style.mark_look(color_number),
-            )
+            look = {"linestyle": "none", "markersize": 1.8, **style.mark_look(color_number)}
+            axes.plot(time[samples], values[samples], label=label, **look)
     limit = run.task.spec.controller.sample_time * 1e3
     above.axhline(limit, label=style.shared_label(f"sample time, {limit:g} ms"), **style.LEVEL)
     style.make_logarithmic(above)
@@ -357,14 +352,12 @@ def nearest_pairs(run: Run) -> NearestPairs:
     logged_pairs = [tuple(name.split(" - ")) for name in run["clearance/pair"].tolist()]
     for column in np.flatnonzero(np.isfinite(run["clearance/distance"]).any(axis=0)).tolist():
         columns_by_pair.setdefault(frozenset(logged_pairs[column]), []).append(column)
-    names = [
-        (first, second)
-        for first, second in (logged_pairs[columns_of_pair[0]] for columns_of_pair in columns_by_pair.values())
-    ]
-    distances_of_pairs = [
-        np.fmin.reduce(run["clearance/distance"][:, columns_of_pair], axis=1)
-        for columns_of_pair in columns_by_pair.values()
-    ]
+    names: list[tuple[str, str]] = []
+    distances_of_pairs: list[np.ndarray] = []
+    for columns in columns_by_pair.values():
+        first, second = logged_pairs[columns[0]]
+        names.append((first, second))
+        distances_of_pairs.append(np.fmin.reduce(run["clearance/distance"][:, columns], axis=1))
     distances = np.column_stack(distances_of_pairs)
 
     order = np.argsort(np.nanmin(distances, axis=0), kind="stable")
@@ -381,7 +374,7 @@ def nearest_pairs(run: Run) -> NearestPairs:
 
 
 def name_of_pair(names: Sequence[str]) -> str:
-    """Return the names of two parts as pages write them, and figures as a `literal`."""
+    """Return the names of two parts as pages write them, and figures as a `escape_dollars`."""
     return " \N{EN DASH} ".join(map(style.words_of, names))
 
 
@@ -409,7 +402,11 @@ def plot_clearance(run: Run) -> Figure:
         axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
 
     for pair, names in enumerate(pairs.names):
-        draw(distances[:, pair], label=style.shared_label(style.literal(name_of_pair(names))), **style.line_look(pair))
+        draw(
+            distances[:, pair],
+            label=style.shared_label(style.escape_dollars(name_of_pair(names))),
+            **style.line_look(pair),
+        )
     if smallest_other < top:
         draw(others, **style.look("other pairs", label=style.shared_label(f"nearest of {pairs.n_others} others")))
     margins = ", ".join(f"{value:g} mm" for value in np.unique(margin[np.isfinite(margin)]))

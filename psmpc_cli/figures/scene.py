@@ -317,7 +317,7 @@ def frames_with_targets(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np
     positions = dict.fromkeys(model.pose_rows, False)
     attitudes = dict.fromkeys(model.pose_rows, False)
     for name in positions.keys() & stage.parts.keys():
-        part_kind = stage.parts[name].kind
+        part_kind = stage.parts[name].kind  # whether the target is a pose, a point to look at, or joint coordinates
         relevant = stage.relevant_rows[stage.parts[name].rows]
         if part_kind.is_pose:
             positions[name] = bool(relevant[: model.dimension].any())

@@ -138,7 +138,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     """
     is_one_run = isinstance(runs, Run)
     # what stands before the vertical labels of each run's rows
-    names = [""] if isinstance(runs, Run) else [f"{style.literal(style.title_of(name))}\n" for name in runs]
+    names = [""] if isinstance(runs, Run) else [f"{style.escape_dollars(style.title_of(name))}\n" for name in runs]
     scenes = [scene_of(run) for run in runs_as_list(runs)]
     instants = [scene.key_instants() if is_one_run else scene.switches() for scene in scenes]
     most_panels = max(1, *map(len, instants))
@@ -493,7 +493,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     camera, axes = next(iter(panels.items()))  # joints have numbers in the first view alone
     _number_joints(axes, camera, model, Q)
     mass = sum(body.mass for body in spec.bodies)
-    figure.suptitle(f"{style.literal(spec.name.replace('_', ' '))}: {mass:.4g} kg, {model.n} coordinates")
+    figure.suptitle(f"{style.escape_dollars(spec.name.replace('_', ' '))}: {mass:.4g} kg, {model.n} coordinates")
     return style.finish(figure, describe_view(camera))
 
 

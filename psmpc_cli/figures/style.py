@@ -222,14 +222,14 @@ def words_of(name: str) -> str:
     return words if len(words) <= LONGEST_NAME else f"{words[:half].rstrip()}…{words[1 - half :].lstrip()}"
 
 
-def literal(text: str) -> str:
-    """Write a text for a figure, in which it is no formula: Matplotlib reads what stands between dollars as one."""
+def escape_dollars(text: str) -> str:
+    """Write a text so that Matplotlib shows it as it is: it reads what stands between two dollar signs as a formula."""
     return text.replace("$", r"\$")
 
 
 def readable(name: str) -> str:
     """Return a name from a specification as words for a figure."""
-    return literal(words_of(name))
+    return escape_dollars(words_of(name))
 
 
 def text_width(text: str) -> float:
@@ -247,7 +247,7 @@ def shortened(text: str, width: float) -> str:
 
 
 def title_of(controller: str) -> str:
-    """Return the name of a controller as pages write it, and figures as a `literal`."""
+    """Return the name of a controller as pages write it, and figures as a `escape_dollars`."""
     return TITLES.get(controller, words_of(controller))
 
 

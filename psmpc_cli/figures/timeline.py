@@ -82,7 +82,7 @@ def timeline(
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
     for column, name in zip(axes[0], () if isinstance(runs, Run) else runs, strict=False):
-        column.set_title(style.literal(style.title_of(name)), loc="center", fontsize=8.0)
+        column.set_title(style.escape_dollars(style.title_of(name)), loc="center", fontsize=8.0)
     return figure, axes[1:]
 
 
@@ -172,7 +172,7 @@ def _place_bar(span: Span, view: tuple[float, float], width: float) -> StageBar:
     left = span.start if span.early is None else span.early
     gap = NAME_GAP * second
     room = max(span.end - left, last - span.end, left - first) - 2 * gap
-    name = style.literal(style.shortened(style.words_of(span.name), room / second))
+    name = style.escape_dollars(style.shortened(style.words_of(span.name), room / second))
     wide = style.text_width(name) * second + 2 * gap
     if wide <= span.end - left:
         return StageBar(span, 0, left, name, (left + span.end) / 2, "center", (left, span.end))

@@ -348,31 +348,31 @@ def _results_to_resume(study: Study, new: Results) -> Results:
         raise InputError(
             f"--resume: found no file {path}, expected a {study.kind} study that was stopped; omit --resume"
         )
-    results = read_results(path, study.kind)
+    stored = read_results(path, study.kind)
     # what has to be the same: `digest` stands for the texts of task and robot
     for name in ("psmpc_version", "digest", *study.identity):
-        value_in_file, value_now = (either.attributes.get(name) for either in (results, new))
+        value_in_file, value_now = (either.attributes.get(name) for either in (stored, new))
         if value_in_file != value_now:
             difference = f"found {name.replace('_', ' ')} {value_in_file}, this one has {value_now}"
             if name == "digest":
-                difference = _task_difference(results, new)
+                difference = _task_difference(stored, new)
             advice = "give the same task and options, or choose another file with -o"
             raise InputError(f"--resume: {path} holds another {study.kind} study: {difference}; {advice}")
-    if (cells_in_file := results["status"].size) > cells:
+    if (cells_in_file := stored["status"].size) > cells:
         raise InputError(f"--resume: {path} has {cells_in_file} runs, found {cells}, expected at least as many")
-    if missing := [name for name in new.quantities if name not in results.quantities]:
+    if missing := [name for name in new.quantities if name not in stored.quantities]:
         raise InputError(
             f"--resume: {path} was written by an earlier version, whose studies had no {missing[0]}: start anew with "
             "--force, or choose another file with -o"
         )
     for name, quantity in new.quantities.items():
         dtype = "text" if quantity.is_text else quantity.values.dtype.str
-        check_columns(results, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
-        shape = results[name].shape
+        check_columns(stored, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
+        shape = stored[name].shape
         if any(size > most for size, most in zip(shape, quantity.values.shape, strict=True)):
             raise InputError(f"--resume: {path} holds another {study.kind} study: found {name} of shape {shape}")
-        quantity.values[tuple(map(slice, shape))] = results[name]  # the array of the file is the corner of the new one
-    return replace(new, attributes=results.attributes)
+        quantity.values[tuple(map(slice, shape))] = stored[name]  # the array of the file is the corner of the new one
+    return replace(new, attributes=stored.attributes)
 
 
 def _task_difference(*studies: Results) -> str:

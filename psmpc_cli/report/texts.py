@@ -395,7 +395,16 @@ def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
     Returns:
         The headings, and a row of texts for each stage. A text is empty where nothing is known.
     """
-    headings = ("stage", "try", "priority", "actual start [s]", "published start [s]", "ends [s]", "published end [s]")
+    headings = (
+        "stage",
+        "try",
+        "priority",
+        "actual start [s]",
+        "published start [s]",
+        "ends [s]",
+        "published end [s]",
+        "grippers apart [m]",
+    )
     tried_again = bool(summary.returned_at)
     rows: list[Row] = [
         (
@@ -410,7 +419,7 @@ def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
         )
         for stage, distance in zip(summary.stages, summary.distances, strict=True)
     ]
-    return (*headings, "grippers apart [m]"), rows
+    return headings, rows
 
 
 def measure_rows(summary: Summary) -> Iterator[Row]:

@@ -63,9 +63,8 @@ def read_fronts(path: Path) -> Results:
     names_by_instant = ("instant", "t_s", "chosen_ratio", "chosen_J_1", "chosen_J_2", "hypervolume")
     check_columns(results, [Column(name, "1", name) for name in names_by_instant], ("instant",))
     check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
-    has_free_instant = (
-        "later" in results.quantities
-    )  # then fronts were computed for several switch times, and a free one
+    # with `later`, fronts were computed for several switch times and for a free one
+    has_free_instant = "later" in results.quantities
     methods = [method for method in (WEIGHTED, CONSTRAINED) if f"{method}_status" in results.quantities]
     missing: list[str] = []
     for method in (*methods, *((FREE,) if has_free_instant else ())):

@@ -265,7 +265,7 @@ def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window = solve.window
     instant = float(solve.plan.switch_times[0])
-    wait = instant - window.start
+    wait = instant - window.start  # from the present time T0 until the switch [s]
     # the last stage keeps the shortest length that a stage may have
     waits = wait + settings.delays * max(window.horizon - SHORTEST - wait, 0.0)
     fronts_by_wait = [_front_at_switch_time(trade_off, solve, settings, float(held_wait)) for held_wait in waits]
@@ -346,11 +346,9 @@ def _front_at_switch_time(
     all_points, solved_again_later = without_local_optima(
         trade_off, weighted_sums + bounded_problems, points + constrained_points, wait
     )
-    weighted = _arrays_of_points(WEIGHTED, all_points[: len(weighted_sums)]) if keeps_weighted_sums else []
-    return [
-        *weighted,
-        *_arrays_of_points(CONSTRAINED, all_points[len(weighted_sums) :]),
-    ], solved_again + solved_again_later
+    arrays = _arrays_of_points(WEIGHTED, all_points[: len(weighted_sums)]) if keeps_weighted_sums else []
+    arrays += _arrays_of_points(CONSTRAINED, all_points[len(weighted_sums) :])
+    return arrays, solved_again + solved_again_later
 
 
 def without_local_optima(
@@ -384,7 +382,7 @@ def without_local_optima(
             candidate = trade_off.solve(problem, points[best], wait)
             if objective_values(problem, [candidate])[0] < values_of_points[i]:
                 points[i] = candidate
-                improved_points = improved_points + 1
+                improved_points += 1
         solved_again += improved_points
         if not improved_points:
             break

@@ -455,6 +455,7 @@ def _coordinate_panels(
             for name, coordinates_of_part in model.parts.items()
             if coordinates_of_part.start <= rows[0] < coordinates_of_part.stop
         )
+        # the attitude of a base in space is drawn as its angles about z, y and x
         labels = ("yaw", "pitch", "roll") if panel.quantity == "attitude" else panel.labels
         shades = shades_of(colors[part], len(rows))
         curves = list(zip(labels, values[:, rows].T, shades, strict=True))
@@ -539,9 +540,8 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
     colors = [color_of_part.get(part, OBJECT_COLOR) for part in parts]  # what only a skill has is an object's
     for angular, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
         curves = zip(names, error[angular], colors, strict=True)
-        yield _panel_data(
-            label, time, curves, _shared_bounds("tolerance", zip(tolerance[angular], colors, strict=True)), log=True
-        )
+        bounds = _shared_bounds("tolerance", zip(tolerance[angular], colors, strict=True))
+        yield _panel_data(label, time, curves, bounds, log=True)
 
 
 def _stage_panels(run: Run) -> Iterator[Json]:
@@ -575,9 +575,9 @@ def _grasp_panels(run: Run) -> Iterator[Json]:
     n_linear = len(axes) // 3 + 1
     for unit, velocity_axes in (("m/s", axes[:n_linear]), ("rad/s", axes[n_linear:])):
         shades = shades_of(OBJECT_COLOR, len(velocity_axes))
-        yield _panel_data(
-            f"object ({unit})", time, [(*axis, shade) for axis, shade in zip(velocity_axes, shades, strict=True)]
-        )
+        # an axis is its name and its velocities; with a colour it is a curve
+        velocities = [(*axis, shade) for axis, shade in zip(velocity_axes, shades, strict=True)]
+        yield _panel_data(f"object ({unit})", time, velocities)
 
 
 def _clearance_panels(run: Run) -> Iterator[Json]:

@@ -27,7 +27,7 @@ from selenium.webdriver.common.keys import Keys
 import psmpc_cli as psmpc
 from psmpc_cli.figures import registry, style
 from psmpc_cli.figures.scene import scene_of
-from psmpc_cli.figures.snapshots import draw_scene, show
+from psmpc_cli.figures.snapshots import draw_scene, set_view
 from psmpc_cli.figures.timeline import draw_stages, place_bars
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
@@ -194,7 +194,7 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")
         bars.invert_yaxis()
         draw_scene(picture, scene, EARLY, EARLY - 3.0, points)
-        show(picture, scene.camera, scene.camera.view(points))
+        set_view(picture, scene.camera, scene.camera.view(points))
         picture.set_title(f"at {EARLY:.0f} s: {', '.join(scene.events(EARLY))}", loc="left", fontsize=8.0)
     FigureCanvasAgg(figure)
     return figure

@@ -69,7 +69,7 @@ def synthetic_sweep(
     loaded = sweep_task(task, epsilons)
     cells = sampling_of(sampling)
     study = weight_study(loaded, (0, 1), cells)
-    results, origins = study.results(path), study.origins
+    results, origins = study.results(path), study.first_equal_runs
     assert origins is not None
 
     def fill(run: int, prefix: str, place: tuple[int, ...], numbers: Numbers, status: int) -> None:

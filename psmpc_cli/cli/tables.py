@@ -193,7 +193,7 @@ def _comparison_rows(runs: Sequence[Summary]) -> Iterator[Row]:
 
 def _texts_of_measure(measure: Measure, runs: Sequence[Summary]) -> list[str]:
     """Write a measure of every run, numbers with their differences."""
-    values = [measure.of(run) for run in runs]
+    values = [measure.read(run) for run in runs]
     numbers = [value for value in values if not isinstance(value, str)]
     return _texts_with_differences(numbers, measure.resolution) if numbers else [str(value or "-") for value in values]
 
@@ -310,7 +310,7 @@ def _print_runs_of_sweep(cells: SweepCells, verbose: bool) -> None:
     shares_ratios = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), most)).round().astype(int))]
     ends = [cells.first_switch, cells.quantity("completion_time")]  # of the first and the second stage
-    thresholds = range(len(cells.epsilons)) if verbose else [cells.chosen]
+    thresholds = range(len(cells.epsilons)) if verbose else [cells.shown_threshold]
     rows = []
     for run in kept:
         starts = cells.quantity("actual_start")[run][thresholds]

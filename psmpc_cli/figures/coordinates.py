@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import label_row, runs_of, timeline
+from psmpc_cli.figures.timeline import label_row, runs_as_list, timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.summary import FAR_BEYOND
 from psmpc_cli.ocp.problem import Problem, in_own_chart
@@ -89,16 +89,18 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     Of one run it also shows what the controller saw of them. In space the attitude is a rotation vector, beside the
     angle to the attitude the current stage aims at [rad], where it aims at one.
     """
-    curves = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs_of(runs)]
-    seen = (SEEN, _in_vectors(runs, runs.motion.Q_seen)) if isinstance(runs, Run) else None
-    return _plot_quantity(runs, POSITION, ANGLE, curves, seen)
+    curves = [(run.motion.time, _unrolled_coordinates(run, run.motion.Q)) for run in runs_as_list(runs)]
+    seen = (SEEN, _unrolled_coordinates(runs, runs.motion.Q_seen)) if isinstance(runs, Run) else None
+    return _plot_quantity(runs, POSITION, ANGLE, curves, second_curve=seen)
 
 
 def plot_velocities(run: Run) -> Figure:
     """Plot generalized velocities [m/s, rad/s] with the limits in force and what the controller saw."""
     curves = [(run.motion.time, run.motion.v)]
     seen = (SEEN, run.motion.v_seen)
-    return _plot_quantity(run, ("velocity", "m/s"), ("velocity", "rad/s"), curves, seen, limits="velocity")
+    linear = ("velocity", "m/s")
+    angular = ("velocity", "rad/s")
+    return _plot_quantity(run, linear, angular, curves, second_curve=seen, limits="velocity")
 
 
 def plot_controls(run: Run) -> Figure:
@@ -106,18 +108,19 @@ def plot_controls(run: Run) -> Figure:
 
     Those of a base without thrusters are what the plan has for its reaction.
     """
+    # the last control is repeated at the end of the run, so that its step is as long as its sample
     held = [(np.r_[run.time, run.motion.end], np.vstack([run.u, run.u[-1:]]))]
     linear = ("control", "m/s²")
     angular = ("control", "rad/s²")
-    return _plot_quantity(run, linear, angular, held, None, "acceleration", "steps-post")
+    return _plot_quantity(run, linear, angular, held, limits="acceleration", drawstyle="steps-post")
 
 
 def plot_forces(run: Run) -> Figure:
     """Plot base force [N], base torque and joint torques [N m] of a run, with the limits in force.
 
-    They are those of every tick if ticks were logged, else of every sample. With ticks, what was commanded is drawn
-    where a force was cut at its limit. A force on the base that has limits is along the base's own axes, as its limits
-    are.
+    Forces are drawn at every tick (a short step of the simulated plant) if ticks were logged, else at every sample.
+    With ticks, the commanded force is drawn too where it was cut at its limit. The force on the base is along the
+    inertial axes. If it has limits, it is along the base's own axes, as these limits are.
     """
     ticks = run.ticks
     has_ticks = len(ticks.get("time", ())) > 0
@@ -128,17 +131,22 @@ def plot_forces(run: Run) -> Figure:
         axes_note = ", own axes"
         F = along_base_axes(run.problem.model, Q, F)
         commanded = along_base_axes(run.problem.model, Q, commanded)
+    # (K, n); commands that differ from F by rounding alone are not marked
     is_cut = np.abs(commanded - F) > NOT_CUT * np.abs(commanded).max(axis=0, initial=0.0)
     cut_commands = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
-    heading = _tightest_force(run)
-    force = ("force", "N")
-    torque = ("torque", "N m")
     return _plot_quantity(
-        run, force, torque, [(time, F)], cut_commands, "force", heading=heading, of_base_position=axes_note
+        run,
+        linear=("force", "N"),
+        angular=("torque", "N m"),
+        curves=[(time, F)],
+        second_curve=cut_commands,
+        limits="force",
+        heading=_describe_tightest_force(run),
+        base_unit_note=axes_note,
     )
 
 
-def _tightest_force(run: Run) -> str:
+def _describe_tightest_force(run: Run) -> str:
     """Write which commanded force came nearest to its limit, and how long forces were cut; empty without limits."""
     summary = run.summary()
     force = summary.tightest_force
@@ -165,17 +173,19 @@ def along_base_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarr
     return np.column_stack(model.space.along_base_axes(Q.T, F.T))
 
 
-def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
-    """Return coordinates (K, nq) as (K, n), the attitude in space as a rotation vector that is continuous over time."""
+def _unrolled_coordinates(run: Run, Q: np.ndarray) -> np.ndarray:
+    """Return coordinates (K, nq) as (K, n): a quaternion becomes a rotation vector that is continuous in time."""
     return run.problem.model.space.unrolled(Q)
 
 
 def attitude_error(run: Run) -> np.ndarray:
-    """Compute the angle from the base's attitude to the one that the current stage aims at, of a spatial robot.
+    """Compute how far the base of a spatial robot is turned from the attitude that the current stage aims at.
+
+    The figure of states shows it beside the attitude itself, whose rotation vector does not say how far it has to go.
 
     Returns:
-        An angle (N,) [rad] for each state of the run's motion. NaN where the stage asks for no attitude, and at the
-        first state of each later stage, so that the curve has a gap where its target changes.
+        An angle (N,) [rad] for each state of the run's motion. It is NaN where the stage asks for no attitude, and at
+        the first state of each stage but the first, so that the curve has a gap where its target changes.
     """
     attitude = slice(3, 6)  # errors of a spatial robot begin with the base's position and its rotation vector
     motion = run.motion
@@ -184,7 +194,7 @@ def attitude_error(run: Run) -> np.ndarray:
         stage = run.followed(span)
         in_span = (motion.time >= span.start) & (motion.time <= span.end)
         if in_span.any() and stage.relevant_rows[attitude].any():
-            errors = _errors(run.problem, stage, motion.Q[in_span], motion.time[in_span] - span.start)
+            errors = _stage_errors(run.problem, stage, motion.Q[in_span], motion.time[in_span] - span.start)
             angle[in_span] = np.linalg.norm(errors[:, attitude], axis=1)
             if span.index > 0:
                 angle[np.flatnonzero(in_span)[0]] = np.nan
@@ -192,16 +202,16 @@ def attitude_error(run: Run) -> np.ndarray:
 
 
 def plot_overlay(runs: Mapping[str, Run]) -> Figure:
-    """Plot every coordinate [m, rad] of several runs on the same axes, to compare their motions.
+    """Plot every coordinate [m, rad] of several runs, with the curves of all runs in one panel, to compare them.
 
-    Dots are the ends of stages.
+    There is a panel for each coordinate of base and arms, with a curve for each run. Dots mark the ends of stages.
 
     Args:
-        runs: The runs by controller.
+        runs: The runs by controller, of one task.
     """
     model = next(iter(runs.values())).problem.model
-    labelled_rows: list[tuple[str, int]] = []
-    states = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs.values()]
+    labelled_rows: list[tuple[str, int]] = []  # for each panel its label, and the column of the states that it shows
+    states = [(run.motion.time, _unrolled_coordinates(run, run.motion.Q)) for run in runs.values()]
     for panel in panels_that_vary(model, coordinate_panels(model, POSITION, ANGLE), [Q for _, Q in states]):
         quantity = "attitude " if panel.quantity == "attitude" else ""
         for row, label in zip(panel.rows, panel.labels, strict=True):
@@ -209,13 +219,19 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
 
     figure = style.new_figure(style.PAGE)
     columns = 3
-    rows = -(-len(labelled_rows) // columns)
+    rows = -(-len(labelled_rows) // columns)  # rounded up
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=[1.3] * rows)
     for axes, (label, row) in zip(grid.flat, labelled_rows, strict=False):
         for number, ((name, run), (time, Q)) in enumerate(zip(runs.items(), states, strict=True)):
             look = style.line_look(number)
             values = Q[:, row]
-            axes.plot(time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
+            axes.plot(
+                time,
+                values,
+                linewidth=1.2,
+                label=style.shared_label(style.escape_dollars(style.title_of(name))),
+                **look,
+            )
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             values_at_switches = np.interp(switches, time, values)
             axes.plot(switches, values_at_switches, "o", markersize=3, color=look["color"])
@@ -224,7 +240,8 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
         axes.set_visible(False)
     for axes in grid[-1]:
         axes.set_xlabel("Time (s)")
-    grid[0, 0].plot([], [], "o", markersize=3, color=style.EDGE, label="_ends of stages")
+    # draws nothing, but is the entry of the dots in the common legend
+    grid[0, 0].plot([], [], "o", markersize=3, color=style.EDGE, label=style.shared_label("ends of stages"))
     return style.finish(figure)
 
 
@@ -233,11 +250,11 @@ def _plot_quantity(
     linear: tuple[str, str],
     angular: tuple[str, str],
     curves: Sequence[tuple[np.ndarray, np.ndarray]],
-    beside: tuple[str, np.ndarray] | None = None,
+    second_curve: tuple[str, np.ndarray] | None = None,
     limits: Literal["velocity", "acceleration", "force"] | None = None,
     drawstyle: Literal["default", "steps-post"] = "default",
     heading: str = "",
-    of_base_position: str = "",
+    base_unit_note: str = "",
 ) -> Figure:
     """Plot a quantity of all generalized coordinates over time: positions, velocities, controls or forces.
 
@@ -247,40 +264,45 @@ def _plot_quantity(
         runs: A run, or several by controller.
         linear: Name and unit of the quantity for linear coordinates.
         angular: Name and unit for angular coordinates.
-        curves: Times (K,) [s] and values (K, n) of each run.
-        beside: A second curve: the name of its look, and values (K, n), drawn where they differ from the first.
-        limits: Which limits of the stages bound it; None where none do.
-        drawstyle: How values are joined: by lines, or as steps.
+        curves: For each run the times (K,) [s] and the values (K, n).
+        second_curve: What is drawn besides for every coordinate of a single run: the name of a look in `style.LOOKS`,
+            and values (K, n). It is left out if it equals the first curve.
+        limits: The limits of the stages that bound the quantity and are drawn; None for none.
+        drawstyle: How values are joined: by straight lines, or as steps that hold each value until the next one.
         heading: What is written above the figure.
-        of_base_position: What is added to the unit of the base's linear coordinates.
+        base_unit_note: What is added to the unit of the base's linear coordinates, such as in which axes they are.
     """
-    model = runs_of(runs)[0].problem.model
-    panels = coordinate_panels(model, linear, angular, of_base_position)
+    model = runs_as_list(runs)[0].problem.model
+    panels = coordinate_panels(model, linear, angular, base_unit_note)
     panels = panels_that_vary(model, panels, [values for _, values in curves])
+    # names that will stand beside the ends of lines
     labels = [label for panel in panels for label in (*panel.labels, *[TO_TARGET] * (panel.quantity == "attitude"))]
     figure, grid = timeline(runs, len(panels), PANEL_HEIGHT, beside=labels)
     for row_of_axes, panel in zip(grid, panels, strict=True):
-        for axes, run, (time, all_values) in zip(row_of_axes, runs_of(runs), curves, strict=True):
+        for axes, run, (time, all_values) in zip(row_of_axes, runs_as_list(runs), curves, strict=True):
             values = all_values[:, panel.rows]
             for i, label in enumerate(panel.labels):
                 axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **style.line_look(i))
             axes.margins(y=0.08)
             if limits is not None:
                 _plot_limits(axes, run, limits, panel.rows, values)
-            if beside is not None and not np.array_equal(beside[1], all_values, equal_nan=True):
-                look, others = beside
-                axes.plot(time, others[:, panel.rows], **style.look(look))
+            if second_curve is not None and not np.array_equal(second_curve[1], all_values, equal_nan=True):
+                look_name, second_values = second_curve
+                axes.plot(time, second_values[:, panel.rows], **style.look(look_name))
+            # beside the attitude of a base in space, how far it is from the one that the stage aims at
             if panel.quantity == "attitude" and np.isfinite(angle := attitude_error(run)).any():
                 axes.plot(time, angle, label=TO_TARGET, color="black", linewidth=0.8)
 
-        note = style.show_beside_peaks(row_of_axes[0], np.vstack([values[:, panel.rows] for _, values in curves]))
-        label_row(row_of_axes, _label_of(panel), note)
+        note = style.use_symlog_if_peaks_hide_rest(
+            row_of_axes[0], np.vstack([values[:, panel.rows] for _, values in curves])
+        )
+        label_row(row_of_axes, _axis_label(panel), note)
     if heading:
         figure.suptitle(heading)
     return style.finish(figure)
 
 
-def _label_of(panel: CoordinatePanel) -> str:
+def _axis_label(panel: CoordinatePanel) -> str:
     """Write part, quantity and unit in as few lines, two at least, as are shorter than a panel is high."""
     unit = f"({panel.unit})"
     for lines in ((f"{panel.part} {panel.quantity}", unit), (panel.part, f"{panel.quantity} {unit}")):
@@ -290,24 +312,27 @@ def _label_of(panel: CoordinatePanel) -> str:
 
 
 def coordinate_panels(
-    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str = ""
+    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], base_unit_note: str = ""
 ) -> list[CoordinatePanel]:
     """Choose the panels of a figure of generalized coordinates: base position, base angles, and the joints of each arm.
 
-    Joints that turn and joints that slide have panels of their own, since their units differ. More joints than a reader
-    can tell apart in one panel are in several, of about as many each.
+    Joints that turn and joints that slide have panels of their own, since their units differ. Where a panel would have
+    more than `MOST_LINES` lines, they are divided among several panels with about as many lines each.
 
     Args:
         model: The robot.
-        linear: The quantity's name and SI unit for linear coordinates.
-        angular: The same for angular coordinates.
-        of_base_position: What is added to the unit of the base's linear coordinates.
+        linear: Name and SI unit of the quantity for linear coordinates.
+        angular: Name and SI unit of it for angular coordinates.
+        base_unit_note: What is added to the unit of the base's linear coordinates.
+
+    Returns:
+        The panels, base first. Each says which rows of a velocity v (n,), and so of the quantity, it shows.
     """
-    panels = _panels_of_parts(model, linear, angular, of_base_position)
-    return [divided_panel for panel in panels for divided_panel in _divided(panel)]
+    panels = _panels_of_parts(model, linear, angular, base_unit_note)
+    return [divided_panel for panel in panels for divided_panel in _split_if_crowded(panel)]
 
 
-def _divided(panel: CoordinatePanel) -> Iterator[CoordinatePanel]:
+def _split_if_crowded(panel: CoordinatePanel) -> Iterator[CoordinatePanel]:
     """Divide a panel into some of about as many lines each, none with more than can be told apart."""
     for places in np.array_split(np.arange(len(panel.rows)), -(-len(panel.rows) // MOST_LINES)):
         rows = [panel.rows[place] for place in places]
@@ -326,30 +351,33 @@ def panels_that_vary(
 
 
 def _panels_of_parts(
-    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str
+    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], base_unit_note: str
 ) -> Iterator[CoordinatePanel]:
-    """Yield one panel for each part of the robot and unit of its coordinates, however many joints are in it.
+    """Yield the panels of a figure of generalized coordinates, however many lines each then has.
+
+    The base has a panel of its position and one of its angles. Each arm has a panel of its turning joints and one of
+    its sliding joints, as far as it has such joints.
 
     Args:
         model: The robot.
-        linear: The quantity's name and SI unit for linear coordinates.
-        angular: The same for angular coordinates.
-        of_base_position: What is added to the unit of the base's linear coordinates.
+        linear: Name and SI unit of the quantity for linear coordinates.
+        angular: Name and SI unit of it for angular coordinates.
+        base_unit_note: What is added to the unit of the base's linear coordinates.
     """
     base = model.parts["base"]
     d = model.dimension
-    other_names = {} if d == 2 else {"angle": "attitude"}
+    other_names = {} if d == 2 else {"angle": "attitude"}  # quantities that have another name for the base
     if not model.spec.moved_by.actuated:
         other_names["control"] = "acceleration"  # nothing moves the base, so its acceleration is no control
     quantity, unit = linear
     positions = range(base.start, base.start + d)
-    yield CoordinatePanel("Base", other_names.get(quantity, quantity), unit + of_base_position, positions, "xyz"[:d])
+    yield CoordinatePanel("Base", other_names.get(quantity, quantity), unit + base_unit_note, positions, "xyz"[:d])
 
     quantity, unit = angular
     angles = range(base.start + d, base.stop)
     yield CoordinatePanel("Base", other_names.get(quantity, quantity), unit, angles, ("θ",) if d == 2 else "xyz")
 
-    for name, rows in list(model.parts.items())[1:]:
+    for name, rows in list(model.parts.items())[1:]:  # the first part is the base
         for unit_of_panel, (quantity, unit) in ((ANGLE_UNITS, angular), (LENGTH, linear)):
             rows_in_unit = [row for row in range(rows.start, rows.stop) if model.units[row] == unit_of_panel]
             numbers = [row - rows.start + 1 for row in rows_in_unit]
@@ -368,22 +396,24 @@ def _plot_limits(axes: Axes, run: Run, kind: str, rows: Sequence[int], values: n
 
 
 def limits_in_view(limits: Sequence[np.ndarray], values: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
-    """Choose the limits that are drawn in a panel, each once with all the lines that it bounds.
+    """Choose which limits a panel shows: those near its curves, each once with all the coordinates that it bounds.
 
-    A limit far off the values would squeeze the curves, so it is left out there.
+    A limit far off the values would squeeze the curves, so it is left out where its size is more than `LIMIT_DISTANCE`
+    times the largest value. Coordinates with the same limit share one line.
 
     Args:
-        limits: Lower and upper limits of each coordinate of the panel over time, two arrays (T, coordinates).
-        values: The values of its coordinates.
+        limits: Lower and upper limits of the coordinates over time, two arrays (T, coordinates).
+        values: The values of the same coordinates, (K, coordinates), at times of their own.
 
     Returns:
-        Limits (T,), NaN where they are far off; with each the numbers of the coordinates that have it.
+        Pairs of a limit over time (T,), NaN where it is left out, and the columns of `values` that it bounds.
     """
+    # where all values are 0, all limits are drawn
     largest_drawn = LIMIT_DISTANCE * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
     lines_of_limit: dict[bytes, tuple[np.ndarray, list[int]]] = {}
     for side in limits:
         drawn_limit = np.where(np.abs(side) < largest_drawn, side, np.nan)
-        # coordinates with the same limit share one line: their bytes are the key
+        # equal limits have equal bytes, which can be the key of a dictionary
         for line in np.flatnonzero(np.isfinite(drawn_limit).any(axis=0)).tolist():
             _, lines = lines_of_limit.setdefault(drawn_limit[:, line].tobytes(), (drawn_limit[:, line], []))
             lines.append(line)
@@ -391,27 +421,28 @@ def limits_in_view(limits: Sequence[np.ndarray], values: np.ndarray) -> list[tup
 
 
 def plot_errors(run: Run) -> Figure:
-    """Plot how far base and arms are from the current stage's target, in the coordinates that it controls.
+    """Plot how far base and arms are from the current stage's target, to show how stages come to their ends.
 
     A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm its
-    joints [rad or m], or position [m] and angle [rad] of its end-effector. If the end condition asks for some
-    coordinates of a group, only those count, and a line shows their tolerance. What neither weights nor the end
-    condition ask for has no curve. Where the target is a trajectory, the error is against its present value. The axes
-    are logarithmic.
+    joints [rad or m], or the position [m] and the angle [rad] of its end-effector. Coordinates count if they are in the
+    stage's end condition, and a line shows their tolerance. In a group without such coordinates those count that have a
+    weight in its cost; a group without either has no curve. Where the target is a trajectory, the error is against its
+    present value. There is a panel of errors in m and one of errors in rad, both logarithmic.
     """
     curves = list(error_curves(run))
     units_shown = sorted({curve.angular for curve in curves})
     parts_shown = {curve.part for curve in curves}
     looks = {part: _part_look(index) for index, part in enumerate(error_parts(run)) if part in parts_shown}
-    figure, grid = timeline(run, len(units_shown), 1.35, beside=map(style.readable, looks))
+    figure, grid = timeline(run, rows=len(units_shown), height=1.35, beside=map(style.readable, looks))
     panels = dict(zip(units_shown, grid[:, 0], strict=True))
-    in_legend: set[tuple[bool, str]] = set()
+    in_legend: set[tuple[bool, str]] = set()  # a part has a curve for each stage, but one entry in each legend
     for curve in curves:
         axes = panels[curve.angular]
         look = looks[curve.part]
-        label = "_" if (curve.angular, curve.part) in in_legend else style.readable(curve.part)
+        label = style.NO_LABEL if (curve.angular, curve.part) in in_legend else style.readable(curve.part)
         in_legend.add((curve.angular, curve.part))
         axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label=label, **look)
+    # curves of one stage with the same tolerance share its line
     for span, angular, tolerance in dict.fromkeys((curve.span, curve.angular, curve.tolerance) for curve in curves):
         if np.isfinite(tolerance):
             parts = [
@@ -428,7 +459,7 @@ def plot_errors(run: Run) -> Figure:
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST_ERROR))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        label_row([axes], labels[angular], style.notes(kinds_of_error[angular], style.better("down")))
+        label_row([axes], labels[angular], style.join_notes(kinds_of_error[angular], style.better_side("down")))
     return style.finish(figure)
 
 
@@ -442,8 +473,9 @@ def error_parts(run: Run) -> list[str]:
 def error_curves(run: Run) -> Iterator[ErrorCurve]:
     """Yield the curves of `plot_errors`: for each stage and group of coordinates the largest error against the target.
 
-    A group is what a part (base or arm) has in one unit. Coordinates in the end condition go before those with a
-    weight.
+    A group is all coordinates of one part (base or arm) that are lengths, or all that are angles. Of a group only the
+    coordinates in the stage's end condition count. If it has none of these, those with a weight in the stage's cost do,
+    and a group without either has no curve. A stage to which the run returned has curves for each time it was current.
     """
     motion = run.motion
     parts_of_robot = run.problem.model.spec.parts
@@ -451,18 +483,17 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
     for span in run.spans:
         in_span = (motion.time > span.start) & (motion.time < span.end)
         time = np.r_[span.start, motion.time[in_span], span.end]
-        stage = run.followed(span)
+        stage = run.followed(span)  # with the target that it had in this span
         Q = np.array([motion.coordinates_at(t) for t in time])
-        errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
+        errors = np.abs(_stage_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end.rows, stage.end.tolerance, strict=True))
 
+        # the rows of the stage's error are those of its parts one after the other, one for each of a part's axes
         first_row = 0
         for part, axes in axes_of(parts_of_robot, stage.space).items():
+            is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
             for angular in (False, True):
-                is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
-                rows = [
-                    row for row, is_angle_of_axis in enumerate(is_angle, start=first_row) if is_angle_of_axis == angular
-                ]
+                rows = [row for row, is_angular in enumerate(is_angle, start=first_row) if is_angular == angular]
                 rows_in_end = [row for row in rows if row in tolerances]
                 if rows_shown := rows_in_end or [row for row in rows if stage.relevant_rows[row]]:
                     largest = errors[:, rows_shown].max(axis=1)
@@ -471,7 +502,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
             first_row += len(axes)
 
 
-def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
+def _stage_errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Compute a stage's errors (K, rows) at coordinates (K, nq), at times since its start (K,) [s].
 
     In space every attitude has a chart of its own, and of a target's two quaternions the nearer one counts.

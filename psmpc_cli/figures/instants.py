@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.figures import style
 from psmpc_cli.figures.coordinates import LIMIT_DISTANCE
-from psmpc_cli.figures.timeline import label_row, leave_out, runs_of, timeline
+from psmpc_cli.figures.timeline import hide_panels, label_row, runs_as_list, timeline
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -53,20 +53,21 @@ def plans_switches(run: Run) -> bool:
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot how planned switch times change from sample to sample, to show whether plans foresee the actual switches.
 
-    First row: the planned switch time that ends each stage [s] over the present time. A switch happens when it meets
-    the line of the present time; the horizon ends T_h above that line. Each sample is a point, because a plan may jump
-    between its own time and the end of the horizon. Second row: planned minus actual time [ms or s], of runs in which a
-    planned switch happened.
+    A switch time is the time at which one stage ends and the next one begins; the controller plans it anew at each
+    sample. First row: the planned switch time that ends each stage [s] over the present time. A switch happens when its
+    planned time meets the line of the present time. The horizon ends T_h above that line. Each sample is a point and
+    points are not joined, because the planned time may jump between two samples. Second row: planned minus actual time
+    [ms or s], if in any run a planned switch happened.
 
     Args:
-        runs: A run, or several by controller.
+        runs: A run, or several by controller, each in a column of its own.
     """
-    deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_of(runs)]
+    deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_as_list(runs)]
     has_switch = [bool(np.isfinite(deviation).any()) for deviation in deviations]
     rows = 2 if any(has_switch) else 1
-    unit, in_unit = _unit_of(deviations)
+    unit, in_unit = _unit_of_deviations(deviations)
     figure, grid = timeline(runs, rows, 1.5, beside=LEVELS_OF_SWITCHES, stage_look=_color_of_stage)
-    for column, run, deviation in zip(grid.T, runs_of(runs), deviations, strict=True):
+    for column, run, deviation in zip(grid.T, runs_as_list(runs), deviations, strict=True):
         main_panel = column[0]
         ends = run.motion.time[[0, -1]]
         horizon = run.task.spec.controller.horizon
@@ -81,24 +82,27 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
             look: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "none", **style.mark_look(stage)}
             look["markersize"] = 2.0
             if samples.any():
-                main_panel.plot(time, instants[samples, stage], gid=name, label="_", **look)
+                main_panel.plot(time, instants[samples, stage], gid=name, label=style.NO_LABEL, **look)
             if np.isfinite(deviation[:, stage]).any():
-                column[1].plot(time, in_unit * deviation[samples, stage], label="_", **look)
+                column[1].plot(time, in_unit * deviation[samples, stage], label=style.NO_LABEL, **look)
 
+        # on the line of the present time
         look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
-        main_panel.plot(switch_time, switch_time, "o", label="_actual switch", **look)
+        main_panel.plot(switch_time, switch_time, "o", label=style.shared_label("actual switch"), **look)
         for axes in column[1:]:
             axes.axhline(0.0, **style.LEVEL)
-    grid[0, 0].set_ylim(bottom=min(run.motion.time[0] for run in runs_of(runs)))  # runs share it: once all are drawn
-    label_row(grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_of(runs))) else NOTHING_PLANNED)
+    # after all is drawn, since the panels of the row share this limit
+    grid[0, 0].set_ylim(bottom=min(run.motion.time[0] for run in runs_as_list(runs)))
+    note = "" if any(map(plans_switches, runs_as_list(runs))) else NOTHING_PLANNED
+    label_row(grid[0], "Planned switch\ntime (s)", note)
     if rows == 2:
-        note = style.show_beside_peaks(grid[1, 0], in_unit * np.vstack(deviations))
+        note = style.use_symlog_if_peaks_hide_rest(grid[1, 0], in_unit * np.vstack(deviations))
         label_row(grid[1], f"Planned minus\nactual ({unit})", note)
-        leave_out(grid, 1, [column for column, is_there in enumerate(has_switch) if not is_there])
+        hide_panels(grid, 1, [column for column, is_there in enumerate(has_switch) if not is_there])
     return style.finish(figure)
 
 
-def _unit_of(deviations: Sequence[np.ndarray]) -> tuple[str, float]:
+def _unit_of_deviations(deviations: Sequence[np.ndarray]) -> tuple[str, float]:
     """Return the unit in which deviations [s] are drawn, and how many of it make a second."""
     largest = max(float(np.nanmax(np.abs(each), initial=0.0)) for each in deviations)
     return ("s", 1.0) if largest > 1.0 else ("ms", 1e3)
@@ -110,27 +114,32 @@ def _color_of_stage(stage: int) -> dict[str, Any]:
 
 
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
-    """Plot each stage's share [%] in the window's weighted cost and in the applied control, over time.
+    """Plot how much each stage counts at every sample, to show which stages the controller works for: its shares [%].
 
-    The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. The share
-    in the control is a weight: each stage alone would apply a control of its own; of the convex combinations of these
-    the one nearest to the applied control is taken. Its panel is there only if shares were logged (`log.shares`).
+    The window of a sample is the stages that the controller plans over. A stage's share in the weighted cost is
+    omega_s J_s over the sum of this over the window's stages; the pending cost, which belongs to no stage, is left out.
+    A stage's share in the control is a weight: each stage alone would apply a control of its own, and of the convex
+    combinations of these controls the one nearest to the applied control has the shares as weights. The panel of shares
+    in the control is there only if they were logged (`log.shares`).
 
     Args:
-        runs: A run, or several by controller.
+        runs: A run, or several by controller, each in a column of its own.
     """
-    shares = {"weighted cost": [cost_shares(run) for run in runs_of(runs)]}
-    logged = [run["window/share"] for run in runs_of(runs)]
+    shares = {"weighted cost": [cost_shares(run) for run in runs_as_list(runs)]}
+    logged = [run["window/share"] for run in runs_as_list(runs)]
     if any(np.isfinite(values).any() for values in logged):
         shares["applied control"] = logged
     figure, grid = timeline(runs, len(shares), 1.2, shaded=False, stage_look=_pattern_of_stage)
     for panels, (shared, shares_of_runs) in zip(grid, shares.items(), strict=True):
-        for axes, run, values in zip(panels, runs_of(runs), shares_of_runs, strict=True):
+        for axes, run, values in zip(panels, runs_as_list(runs), shares_of_runs, strict=True):
             _stack_shares(axes, run, values)
             if not np.isfinite(values).any(axis=1).all():
-                axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
+                # a bar of no height: the entry of the white parts in the common legend
+                axes.bar(
+                    run.time[0], 0, color="white", label=[style.shared_label("no share: stages agree, or no solution")]
+                )
         panels[0].set_ylabel(f"Share in the\n{shared} (%)")
-    switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_of(runs))
+    switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_as_list(runs))
     if switched_off:
         figure.suptitle(NOT_LOGGED)
     return style.finish(figure)
@@ -145,14 +154,17 @@ def cost_shares(run: Run) -> np.ndarray:
 
 
 def _stack_shares(axes: Axes, run: Run, shares: np.ndarray) -> None:
-    """Stack the shares of stages above each other, a step for each sample, and mark when stages end and start early.
+    """Draw the shares of stages as bands upon each other, and lines where a stage ends or the next one starts early.
+
+    A share is the part of the cost or of the control that a stage accounts for.
 
     Args:
-        axes: The panel.
+        axes: The panel, whose vertical axis is in percent.
         run: The run.
-        shares: Shares (K, S) of S stages at K samples [0, 1]; NaN where a stage has none.
+        shares: Shares (K, S) of S stages at K samples, from 0 to 1; NaN where a stage has none.
     """
     last_sample = run.time[-1]
+    # a run that was cut off after its last sample has no state at the end of this sample
     end = run.motion.end if run.motion.end > last_sample else last_sample + run.task.spec.controller.sample_time
     edges = np.r_[run.time, end]
     top = np.zeros(len(run.time))
@@ -164,7 +176,7 @@ def _stack_shares(axes: Axes, run: Run, shares: np.ndarray) -> None:
         axes.add_artist(steps)  # not add_patch, which looks for the limits of every step
     for span in run.spans:
         if span.index:
-            axes.axvline(span.start, color="black", linewidth=0.6, label="_switch")
+            axes.axvline(span.start, color="black", linewidth=0.6, label=style.shared_label("switch"))
         if span.early is not None:
             axes.axvline(span.early, **style.look("early start"))
     axes.set_ylim(0, 100)
@@ -177,52 +189,49 @@ def _pattern_of_stage(stage: int) -> dict[str, Any]:
 
 
 def plot_solve_time(run: Run) -> Figure:
-    """Plot wall time [ms] and iterations of each solve over time, coloured by how many stages were in the window.
+    """Plot wall time [ms] and iterations of each solve over time, to show whether the controller is fast enough.
 
-    A line shows the sample time, within which a solve has to end in real time; failed solves are crosses.
+    There is a point for each sample, coloured by how many stages were in the window that was solved. A line shows the
+    sample time, within which a solve has to end in real time. Failed solves are crosses.
     """
-    figure, grid = timeline(run, 2, 1.25)
+    figure, grid = timeline(run, rows=2, height=1.25)
     above, below = grid[:, 0]
     time = run.time
     wall_time = run["solver/wall_time"] * 1e3
     iterations = run["solver/iterations"]
     stages_in_window = run["window/count"]
-    solved = np.isfinite(wall_time) & (wall_time > 0)
+    solved = np.isfinite(wall_time) & (wall_time > 0)  # samples whose solve was timed
     stage_counts = np.unique(stages_in_window[solved])
     for color_number, stages in enumerate(stage_counts):
         samples = solved & (stages_in_window == stages)
+        # the last label says what all of them count
         label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == stage_counts[-1] else ''}"
         for axes, values in ((above, wall_time), (below, iterations)):
-            axes.plot(
-                time[samples],
-                values[samples],
-                label=label,
-                linestyle="none",
-                markersize=1.8,
-                **style.mark_look(color_number),
-            )
+            look = {"linestyle": "none", "markersize": 1.8, **style.mark_look(color_number)}
+            axes.plot(time[samples], values[samples], label=label, **look)
     limit = run.task.spec.controller.sample_time * 1e3
-    above.axhline(limit, label=f"_sample time, {limit:g} ms", **style.LEVEL)
+    above.axhline(limit, label=style.shared_label(f"sample time, {limit:g} ms"), **style.LEVEL)
     style.make_logarithmic(above)
     above.margins(y=0.1)
     below.set_ylabel("Iterations of\nthe solve (1)")
     below.margins(y=0.1)
-    below.set_title(style.show_beside_peaks(below, iterations))
+    below.set_title(style.use_symlog_if_peaks_hide_rest(below, iterations))
     if below.get_yscale() == "linear":
         below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     below.set_ylim(bottom=0)
-    label_row(grid[0], "Solve time\n(ms)", style.better("down", "sooner"))
+    label_row(grid[0], "Solve time\n(ms)", style.better_side("down", "sooner"))
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall_time, limit)), (below, iterations)):
-            axes.plot(time[failed], values[failed], **style.look("failed", label="_failed solve"))
+            axes.plot(time[failed], values[failed], **style.look("failed", label=style.shared_label("failed solve")))
     return style.finish(figure)
 
 
 def plot_grasps(run: Run) -> Figure:
     """Plot the filtered loads on each grasp while it is closed: pull [N], shear [N] and moment [N m].
 
-    With them is the strength beyond which a grasp is lost, if it is near; a cross is where one was.
+    The strength, the load beyond which a grasp is lost, is drawn if it is near the loads, and else named above the
+    panel. A cross marks where a grasp was lost.
     """
     grippers = [style.readable(str(gripper)) for gripper in run["gripper"]]
     figure, grid = timeline(run, len(GRASP_LOADS), 1.2, beside=grippers)
@@ -232,33 +241,36 @@ def plot_grasps(run: Run) -> Figure:
         for number, (gripper, load_of_gripper) in enumerate(zip(grippers, loads.T, strict=True)):
             axes.plot(run.time, load_of_gripper, label=gripper, **style.line_look(number))
             if run["grasp/lost"][number] == 1:
-                axes.plot(
-                    run["grasp/opened_at"][number], np.nanmax(load_of_gripper), **style.look("failed", label="_lost")
-                )
+                look = style.look("failed", label=style.shared_label("lost"))
+                axes.plot(run["grasp/opened_at"][number], np.nanmax(load_of_gripper), **look)
         is_near = strength < LIMIT_DISTANCE * np.nanmax(np.abs(loads), initial=0.0)
         if is_near:
-            axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
+            axes.axhline(strength, label=style.shared_label(f"strength, {strength:g} {unit}"), **style.LEVEL)
         strength_note = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
-        label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})", style.notes(strength_note, style.better("down")))
+        label_row(
+            [axes],
+            f"{load.capitalize()} on a\ngrasp ({unit})",
+            style.join_notes(strength_note, style.better_side("down")),
+        )
     return style.finish(figure)
 
 
 def plot_thrusters(run: Run) -> Figure:
     """Plot when thrusters fire: a row for each thruster, and in it a bar for each sample.
 
-    The height of a bar is the impulse over the largest that the thruster can give in a sample. Where a thruster is shut
-    because of its plume its row is grey.
+    A bar is as high as its duty: the impulse in the sample, divided by the impulse of a thruster that fires throughout
+    it. The row is grey where the thruster is shut, since its plume would hit something.
     """
     robot = run.problem.model.spec
     sample_time = run.task.spec.controller.sample_time
-    # impulse over what the thruster gives if it fires throughout the sample
     duty = run["thrusters/impulse"] / (sample_time * np.array([thruster.force for thruster in robot.thrusters]))
     n_thrusters = duty.shape[1]
     color = style.line_look(0)["color"]
-    figure, grid = timeline(run, 1, 0.3 + 0.2 * n_thrusters)
+    figure, grid = timeline(run, rows=1, height=0.3 + 0.2 * n_thrusters)
     axes = grid[0, 0]
     for thruster_row in range(n_thrusters):
-        foot = thruster_row + 1 + BAR_HEIGHT / 2  # rows count downwards
+        # thruster 1 is at the top: the axis goes downwards, so that bars which reach upwards have negative heights
+        foot = thruster_row + 1 + BAR_HEIGHT / 2
         if "thrusters/shut" in run:
             shut = run["thrusters/shut"][:, thruster_row] > 0
             axes.bar(run.time[shut], -1.0, sample_time, bottom=thruster_row + 1.5, align="edge", color=SHUT)
@@ -274,10 +286,11 @@ def plot_thrusters(run: Run) -> Figure:
 def plot_wheels(run: Run) -> Figure:
     """Plot the angular momentum of each reaction wheel [N m s] and the torque of its motor [N m] over time.
 
-    Limits are drawn, or named where they are too far off to be in view.
+    A limit is drawn as two lines, one for either direction. If it is too far off to be in view, it is named above the
+    panel.
     """
     wheels = Wheels.of(run.problem.model.spec)
-    figure, grid = timeline(run, 2, 1.4, beside=[str(name) for name in run["wheel"]])
+    figure, grid = timeline(run, rows=2, height=1.4, beside=[str(name) for name in run["wheel"]])
     panels = (
         ("momentum", "Angular momentum", "N m s", wheels.momentum),
         ("torque", "Motor torque", "N m", wheels.torque),
@@ -292,8 +305,8 @@ def plot_wheels(run: Run) -> Figure:
                 notes.append(f"limit {limit:g} {unit}, out of view")
                 continue
             for bound in (-limit, limit):
-                axes.axhline(bound, label=f"_limits, {limit:g} {unit} both ways", **style.LEVEL)
-        label_row([axes], f"{label}\n({unit})", style.notes(*notes))
+                axes.axhline(bound, label=style.shared_label(f"limits, {limit:g} {unit} both ways"), **style.LEVEL)
+        label_row([axes], f"{label}\n({unit})", style.join_notes(*notes))
     return style.finish(figure)
 
 
@@ -302,11 +315,11 @@ class NearestPairs:
     """The pairs of parts of a run that come nearest to each other, at its K samples.
 
     Attributes:
-        names: The parts of each pair, the nearest first (P,).
-        distances: Smallest distance of each pair over each sample (K, P) [m]; NaN where they may touch.
-        others: The smallest of all other pairs (K,) [m].
-        n_others: How many others there are.
-        margin: What the current stage keeps (K,) [m]; NaN where it keeps none.
+        names: The two parts of each pair, the nearest pair first (P,).
+        distances: Smallest distance of each pair over each sample (K, P) [m]; NaN where its parts may touch.
+        others: Smallest distance of all other pairs (K,) [m]; NaN without others.
+        n_others: Number of other pairs.
+        margin: Distance that the current stage keeps (K,) [m]; NaN where it keeps none.
     """
 
     names: Sequence[tuple[str, str]]
@@ -328,27 +341,28 @@ def has_distances(run: Run) -> bool:
 
 
 def nearest_pairs(run: Run) -> NearestPairs:
-    """Find the pairs of parts that come nearest to each other in a run, for a figure that has no room for all.
+    """Find the pairs of parts that come nearest to each other in a run, for a figure that has no room for all pairs.
 
-    Pairs that never keep clear are left out. The log names the object first in a pair while it is held, and last while
-    it is free: here these are one pair.
+    At most `NEAREST_PAIRS` pairs are named, and all others are summed up by their smallest distance. Pairs whose parts
+    may touch throughout the run are left out.
     """
+    # columns of the logged distances (K, columns) that are of the same two parts: the log has a pair with the object
+    # twice, with the object first while it is held, and last while it is free
     columns_by_pair = dict[frozenset[str], list[int]]()
     logged_pairs = [tuple(name.split(" - ")) for name in run["clearance/pair"].tolist()]
     for column in np.flatnonzero(np.isfinite(run["clearance/distance"]).any(axis=0)).tolist():
         columns_by_pair.setdefault(frozenset(logged_pairs[column]), []).append(column)
-    names = [
-        (first, second)
-        for first, second in (logged_pairs[columns_of_pair[0]] for columns_of_pair in columns_by_pair.values())
-    ]
-    distances_of_pairs = [
-        np.fmin.reduce(run["clearance/distance"][:, columns_of_pair], axis=1)
-        for columns_of_pair in columns_by_pair.values()
-    ]
+    names: list[tuple[str, str]] = []
+    distances_of_pairs: list[np.ndarray] = []
+    for columns in columns_by_pair.values():
+        first, second = logged_pairs[columns[0]]
+        names.append((first, second))
+        distances_of_pairs.append(np.fmin.reduce(run["clearance/distance"][:, columns], axis=1))
     distances = np.column_stack(distances_of_pairs)
 
     order = np.argsort(np.nanmin(distances, axis=0), kind="stable")
     nearest, others = np.split(order, [NEAREST_PAIRS])
+    # what the task asks for in the stage that is current at each sample
     keeping = [run.task.spec.clearance_of(stage) for stage in run["window/first"].tolist()]
     return NearestPairs(
         names=[names[pair] for pair in nearest],
@@ -360,15 +374,16 @@ def nearest_pairs(run: Run) -> NearestPairs:
 
 
 def name_of_pair(names: Sequence[str]) -> str:
-    """Return the names of two parts as pages write them, and figures as a `literal`."""
+    """Return the names of two parts as pages write them, and figures as a `escape_dollars`."""
     return " \N{EN DASH} ".join(map(style.words_of, names))
 
 
 def plot_clearance(run: Run) -> Figure:
-    """Plot the smallest distance [mm] of each of the nearest pairs of parts over each sample, with the margin in force.
+    """Plot how near parts of the robot come to each other, to obstacles and to the object, with the margin in force.
 
-    The other pairs share one line, the smallest of their distances. Distances far beyond the smallest ones are out of
-    view. Where two parts overlap their distance is negative, and a cross is at its smallest value.
+    The nearest pairs of parts have a line each, of their smallest distance [mm] over each sample; the other pairs share
+    one line, the smallest of their distances. Distances far beyond the smallest ones are out of view. Where two parts
+    overlap their distance is negative, and a cross is at its smallest value.
     """
     pairs = nearest_pairs(run)
     distances = 1e3 * pairs.distances
@@ -378,7 +393,7 @@ def plot_clearance(run: Run) -> Figure:
     smallest_other = np.fmin.reduce(others)
     top = 1e3 * pairs.top
 
-    figure, grid = timeline(run, 1, 1.9)
+    figure, grid = timeline(run, rows=1, height=1.9)
     axes = grid[0, 0]
     edges = np.r_[run.time, run.motion.end]
 
@@ -387,15 +402,20 @@ def plot_clearance(run: Run) -> Figure:
         axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
 
     for pair, names in enumerate(pairs.names):
-        draw(distances[:, pair], label=f"_{style.literal(name_of_pair(names))}", **style.line_look(pair))
+        draw(
+            distances[:, pair],
+            label=style.shared_label(style.escape_dollars(name_of_pair(names))),
+            **style.line_look(pair),
+        )
     if smallest_other < top:
-        draw(others, **style.look("other pairs", label=f"_nearest of {pairs.n_others} others"))
+        draw(others, **style.look("other pairs", label=style.shared_label(f"nearest of {pairs.n_others} others")))
     margins = ", ".join(f"{value:g} mm" for value in np.unique(margin[np.isfinite(margin)]))
-    draw(margin, **style.look("bound", label=f"_margin, {margins}"))
+    draw(margin, **style.look("bound", label=style.shared_label(f"margin, {margins}")))
     axes.axhline(0.0, **style.LEVEL)
     for pair in np.flatnonzero(smallest < 0).tolist():
         deepest = np.nanargmin(distances[:, pair])
-        axes.plot(run.time[deepest], smallest[pair], **style.look("failed", label="_touch", zorder=3))
+        look = style.look("failed", label=style.shared_label("touch"), zorder=3)
+        axes.plot(run.time[deepest], smallest[pair], **look)
     bottom = min(0.0, float(smallest[0]))
     axes.set_ylim(bottom - 0.04 * (top - bottom), top)
     count = len(pairs.names)
@@ -403,6 +423,6 @@ def plot_clearance(run: Run) -> Figure:
     label_row(
         [axes],
         "Smallest distance\nover a sample (mm)",
-        style.notes(note if pairs.n_others else "", style.better("up", "safer")),
+        style.join_notes(note if pairs.n_others else "", style.better_side("up", "safer")),
     )
     return style.finish(figure)

@@ -18,7 +18,7 @@ from matplotlib.transforms import Bbox
 PAD = 0.04
 """Distance between what is written around neighbouring panels, and from the edge of the page [in]."""
 
-BESIDE = 0.6
+ESTIMATED_LABEL_ROOM = 0.6
 """About the room left and right of a column of panels with labels of its own [in], before it is measured."""
 
 
@@ -50,47 +50,49 @@ def new_canvas(width: float) -> Figure:
 def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
     """Place the panels of a figure so that their labels fit, and make the figure as tall as that needs.
 
-    Matplotlib's own layouts change the sizes of panels. Here the rows are as high as the grid's height ratios say [in],
-    those of panels with equal scales as their widths want it. Columns share what the labels leave of the width. The
-    labels of a column are in line.
+    Matplotlib's own layouts change the sizes of panels to make room for labels. Here the sizes of panels come first and
+    the figure grows around them: each row of the grid has the height [in] that is given as its height ratio. A row of
+    panels with equal scales has the height that follows from their width and data. The columns share the width that
+    labels leave. The vertical labels of a column of panels are in line.
 
     Args:
-        figure: Its panels are in one grid, or all placed already.
-        below: Room below the panels [in].
-        above: Room above the panels [in].
+        figure: Its panels are in one grid. A figure whose panels are in no grid is left as it is.
+        below: Room to leave below the panels, such as for a legend [in].
+        above: Room to leave above the panels [in].
     """
     panels = _panels_of(figure)
     if not panels:
         return
     grid = panels[0].grid
-    heights = np.array(grid.get_height_ratios(), dtype=float)
-    shares = np.array(grid.get_width_ratios(), dtype=float)
-    shares /= shares.sum()
+    heights = np.array(grid.get_height_ratios(), dtype=float)  # of the rows [in]
+    width_shares = np.array(grid.get_width_ratios(), dtype=float)
+    width_shares /= width_shares.sum()
     figure_width = figure.get_figwidth()
 
     for panel in panels:
         if panel.equal:
-            panel.axes.set_aspect("auto")  # while it is measured: one narrower than its cell seems to need less room
-    _place_to_measure(figure, panels, heights, shares)
-    margins = [_margins(figure, panel.axes) for panel in panels]
+            # only while it is measured: an axes narrower than its cell of the grid would seem to need less room
+            panel.axes.set_aspect("auto")
+    _place_to_measure(figure, panels, heights, width_shares)
+    margins = [_room_around_panel(figure, panel.axes) for panel in panels]
     offsets = {panel.axes: _label_offsets(figure, panel.axes) for panel in panels}
-    label_offset = {
+    # all vertical labels of a column are as far left as the one that is farthest from its panel
+    aligned_offset = {
         panel.axes: max(offsets[other.axes][0] for other in panels if other.columns[0] == panel.columns[0])
         for panel in panels
     }
     for panel, margin in zip(panels, margins, strict=True):
-        margin[0] = max(margin[0], label_offset[panel.axes] + _label_width(figure, panel.axes))
-    left, right, bottom, top = _largest(panels, margins, len(heights), len(shares))
+        margin[0] = max(margin[0], aligned_offset[panel.axes] + _label_width(figure, panel.axes))
+    left, right, bottom, top = _room_around_cells(panels, margins, len(heights), len(width_shares))
 
-    # widths of the columns are what labels leave of the figure's width, by their shares
-    widths = shares * (figure_width - (left + right).sum())
+    widths = width_shares * (figure_width - (left + right).sum())
     column_starts = np.cumsum(left + np.r_[0.0, (widths + right)[:-1]])
     column_ends = column_starts + widths
     for panel in panels:
         if panel.equal:
             panel_width = column_ends[panel.columns[-1]] - column_starts[panel.columns[0]]
             heights[panel.rows[0]] = panel_width * panel.axes.get_data_ratio()
-    # from above
+    # distances of the rows' upper edges from the upper edge of the figure
     row_tops = above + np.cumsum(top + np.r_[0.0, (heights + bottom)[:-1]])
     figure_height = float(row_tops[-1] + heights[-1] + bottom[-1] + below)
 
@@ -102,7 +104,7 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
         y0 = figure_height - row_tops[panel.rows[-1]] - heights[panel.rows[-1]]
         size = np.array([figure_width, figure_height])
         panel.axes.set_position(Bbox(np.array([[x0, y0], [x1, y1]]) / size))
-        _fix_labels(panel.axes, label_offset[panel.axes], offsets[panel.axes][1], x1 - x0, y1 - y0)
+        _fix_labels(panel.axes, aligned_offset[panel.axes], offsets[panel.axes][1], x1 - x0, y1 - y0)
         if panel.equal:
             panel.axes.set_aspect("equal")
 
@@ -121,19 +123,26 @@ def _panels_of(figure: Figure) -> list[Panel]:
 
 
 def _place_to_measure(figure: Figure, panels: Sequence[Panel], heights: np.ndarray, shares: np.ndarray) -> None:
-    """Give every panel its height and about its width, so that it has the ticks it will have.
+    """Give every panel its height and about its final width, so that it is measured with the ticks that it will have.
 
-    The figure keeps its height, beyond which panels may reach: with another, Matplotlib would measure texts anew.
+    The figure keeps its own height, beyond which panels may reach: with another height, Matplotlib would measure all
+    texts anew.
+
+    Args:
+        figure: The figure.
+        panels: Its panels.
+        heights: Heights of the rows of their grid (rows,) [in].
+        shares: Shares of the columns in the width (columns,), with sum 1.
     """
     width, height = figure.get_size_inches()
-    columns = shares * max(width - BESIDE * len(shares), 0.5 * width)
+    columns = shares * max(width - ESTIMATED_LABEL_ROOM * len(shares), 0.5 * width)
     for panel in panels:
         wide = columns[list(panel.columns)].sum() / width
         high = heights[list(panel.rows)].sum() / height
         panel.axes.set_position((0.1, 0.0, wide, high))
 
 
-def _margins(figure: Figure, axes: Axes) -> np.ndarray:
+def _room_around_panel(figure: Figure, axes: Axes) -> np.ndarray:
     """Measure the room that a panel's labels need left, right, below and above it [in]."""
     axes.apply_aspect()
     around = axes.get_tightbbox(for_layout_only=True)
@@ -144,21 +153,22 @@ def _margins(figure: Figure, axes: Axes) -> np.ndarray:
     return np.maximum(pixels, 0.0) / figure.dpi
 
 
-def _largest(
+def _room_around_cells(
     panels: Sequence[Panel], margins: Sequence[np.ndarray], rows: int, columns: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Compute the room that labels need around the columns and rows of a grid of panels [in].
+    """Compute how much room labels need between the columns and rows of a grid of panels, to place the panels [in].
 
-    A panel may span several columns or rows; it needs room at the outer ones.
+    A panel that spans several columns needs room left of its first one and right of its last one, and likewise for
+    rows. A column or row leaves as much room as the panel that needs most, and `PAD` besides.
 
     Args:
-        panels: The panels, with their columns and rows.
-        margins: What each needs left, right, below and above of its axes [in].
+        panels: The panels, with the columns and rows that they cover.
+        margins: For each panel the room that its labels need left, right, below and above (4,) [in].
         rows: Number of rows of the grid.
         columns: Number of its columns.
 
     Returns:
-        Room left and right of each column, below and above each row, with `PAD` around.
+        Room left of each column and right of it (columns,), below each row and above it (rows,) [in].
     """
     left = np.full(columns, PAD)
     right = np.full(columns, PAD)

@@ -12,7 +12,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.fronts import CONSTRAINED, WEIGHTED, front_points
 
-WIDE = 30.0
+WIDEST_LINEAR_RATIO = 30.0
 """A linear panel shows numbers that differ by so many times at most."""
 
 FRONT_LOOK: Any = {"linewidth": 0.9, "markersize": 2.2}
@@ -20,9 +20,11 @@ FRONT_LOOK: Any = {"linewidth": 0.9, "markersize": 2.2}
 
 
 def fronts_by_sample(results: Results) -> list[list[tuple[np.ndarray, np.ndarray]]]:
-    """List J_1 and J_2 of the points with the instant held at the run's optimum, and which are dominated.
+    """List the points of the fronts whose switch time is held at the run's optimum, by sample and then by method.
 
-    By sample, then by method, (P, 2) and (P,).
+    Returns:
+        For each sample and each method that the study used a pair: J_1 and J_2 of its points (P, 2), and which of them
+        another point dominates (P,).
     """
     methods = [name for name in (WEIGHTED, CONSTRAINED) if f"{name}_J_1" in results.quantities]
     fronts = [front_points(results, method) for method in methods]
@@ -40,11 +42,11 @@ def has_instant_criterion(results: Results) -> bool:
 
 
 def plot_fronts(results: Results) -> Figure:
-    """Plot the Pareto fronts in the plane of both costs [s], J_2 to the right and J_1 upwards, a curve for each sample.
+    """Plot the Pareto fronts in the plane of both stages' costs [s], J_2 to the right and J_1 upwards.
 
-    A second panel is there if the costs differ so much that a linear one cannot show them all. Its axes are
-    logarithmic. Where some costs are not positive, which the cost as printed in (12) may be, they are linear, and the
-    panel leaves out the large fronts.
+    There is a curve for each sample of the run at which a front was computed. If the costs differ so much that linear
+    axes cannot show them all, a second panel has logarithmic axes. Costs as printed in the paper's eq. (12) may be
+    negative; if some are, the second panel is linear and leaves out the large fronts instead.
     """
     samples = fronts_by_sample(results)
     all_costs = np.concatenate([J for points in samples for J, _ in points])
@@ -52,9 +54,9 @@ def plot_fronts(results: Results) -> Figure:
     largest = np.nanmax(all_costs, axis=0)
     is_positive = bool(np.all(smallest > 0))
     is_large = np.zeros(len(samples), bool) if is_positive else _large_fronts(samples)
-    panels = 2 if is_large.any() or (is_positive and np.any(largest > WIDE * smallest)) else 1
+    panels = 2 if is_large.any() or (is_positive and np.any(largest > WIDEST_LINEAR_RATIO * smallest)) else 1
     figure, rows = style.stack([""] * panels, [1.9] * panels, "", sharex=False)
-    first, second = map(style.readable, results["stage"].tolist())
+    first, second = map(style.readable, results["stage"].tolist())  # names of the two stages
     three_criteria = has_instant_criterion(results)
     rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
     if panels > 1 and is_positive:
@@ -65,21 +67,22 @@ def plot_fronts(results: Results) -> Figure:
         for sample in shown.tolist():
             label = f"{results['instant'][sample]:.1f} s"
             label += "" if three_criteria else f": {results['hypervolume'][sample]:.3g} s$^2$"
-            _plot_sample(axes, samples[sample], sample, label)
+            _plot_fronts_of_sample(axes, samples[sample], sample, label)
         axes.plot(results["chosen_J_2"][shown], results["chosen_J_1"][shown], **_look_of_run_weights(results))
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
-    rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label="_growing $ω_2/ω_1$")
+    # entries of the common legend, which draw nothing
+    rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label=style.shared_label("growing $ω_2/ω_1$"))
     if len(samples[0]) > 1:
-        rows[0].plot([], [], "k+", label="_$J_2$ bounded")
+        rows[0].plot([], [], "k+", label=style.shared_label("$J_2$ bounded"))
     title = "Time of the sample, $T_0$" + ("" if three_criteria else ": hypervolume")
-    better = style.better("down and left")
+    better = style.better_side("down and left")
     left_out = ", ".join(f"{instant:.1f} s" for instant in results["instant"][is_large])
     second_note = f"  without {left_out}" if left_out else ""
     titles = (f"(a)  {better}", f"(b)  {better}{second_note}") if panels > 1 else (better,)
     style.panel_legend(rows[0], titles[0], title)
     for axes, panel_title in zip(rows[1:], titles[1:], strict=True):
-        axes.set_title(panel_title)  # the same legend
+        axes.set_title(panel_title)  # the legend of the first panel holds here too
     return style.finish(figure)
 
 
@@ -87,34 +90,40 @@ def _large_fronts(samples: Sequence[Sequence[tuple[np.ndarray, np.ndarray]]]) ->
     """Tell which fronts have costs so large that the typical one is not seen beside them (samples,); never all."""
     sizes = [np.abs(np.concatenate([J for J, _ in points])) for points in samples]
     extents = np.array([np.nanmax(each, axis=0, initial=0.0) for each in sizes])
-    is_large = np.any(extents > WIDE * np.median(extents, axis=0), axis=1)
+    is_large = np.any(extents > WIDEST_LINEAR_RATIO * np.median(extents, axis=0), axis=1)
     return np.zeros_like(is_large) if is_large.all() else np.asarray(is_large)
 
 
-def _plot_sample(axes: Axes, points_by_method: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:
-    """Plot the points of one sample: those of the first method joined, with arrows towards larger ratios of weights.
+def _plot_fronts_of_sample(
+    axes: Axes, points_by_method: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str
+) -> None:
+    """Plot the front of one sample in the plane of both costs, J_2 to the right and J_1 upwards.
 
-    Points of a second method are crosses without a line, dominated points are crossed out.
+    The points of the first method are joined by a line, with arrows towards larger ratios of weights omega_2 / omega_1.
+    Those of a second method are crosses without a line. Dominated points (another point is better) are crossed out and
+    not on the line.
 
     Args:
         axes: The panel.
-        points_by_method: For each method the costs J_1, J_2 of its points (P, 2), and which of them are dominated (P,).
+        points_by_method: For each method the costs J_1, J_2 of its points (P, 2), in the order of rising ratios, and
+            which of them are dominated (P,).
         index: Number of the sample, for its colour.
         label: Its name in the legend.
     """
     look = style.mark_look(index)
     for method, (J, dominated) in enumerate(points_by_method):
-        efficient = J[~dominated].T[::-1]
+        efficient = J[~dominated].T[::-1]  # rows J_2 and J_1, for the horizontal and the vertical axis
         if method == 0:
             axes.plot(*efficient, label=label, **FRONT_LOOK, **look)
         else:
             axes.plot(*efficient, "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
         if dominated.any():
             axes.plot(*J[dominated].T[::-1], **style.look("dominated", markersize=4.5, markeredgewidth=0.9))
-    curve = points_by_method[0][0][np.isfinite(points_by_method[0][0]).all(axis=1)][:, ::-1]
+    first_costs, _ = points_by_method[0]
+    curve = first_costs[np.isfinite(first_costs).all(axis=1)][:, ::-1]
     if len(curve) < 2:
         return
-    # arrows at 30 % and 75 % of the curve's length as it is drawn
+    # arrows at 30 % and 75 % of the curve's length, in which both costs count by their ranges as they do in the panel
     arc_length = np.cumsum(np.linalg.norm(np.diff(curve, axis=0) / np.maximum(np.ptp(curve, axis=0), 1e-12), axis=1))
     for segment in np.searchsorted(arc_length, [0.3 * arc_length[-1], 0.75 * arc_length[-1]]):
         axes.annotate(
@@ -134,14 +143,14 @@ def _look_of_run_weights(results: Results) -> dict[str, Any]:
     ratio = results["chosen_ratio"]
     same = np.ptp(ratio) <= 1e-9 * ratio[0]
     weights = f"$ω_2/ω_1$ = {ratio[0]:g}" if same else "the weights of the run"
-    return style.look("weights of the run", label=f"_least $J_1 + (ω_2/ω_1) J_2$ with {weights}")
+    return style.look("weights of the run", label=style.shared_label(f"least $J_1 + (ω_2/ω_1) J_2$ with {weights}"))
 
 
 def plot_fronts_over_instant(results: Results) -> Figure:
-    """Plot for each sample the fronts with the switching instant held ever later, in three dimensions.
+    """Plot for each sample the fronts with the switch time held ever later, with this time as the third axis.
 
-    The axes are both costs [s] and the instant. On the floor is the projection: fronts of later instants cross those of
-    earlier ones, which shows what there is to choose.
+    The other axes are both costs [s]. On the floor of each panel are the projections of the fronts. Where those of
+    later switch times cross those of earlier ones, the later switch time becomes the better choice, or the worse one.
     """
     samples = len(results["instant"])
     rows = -(-samples // 3)  # rounded up
@@ -149,14 +158,17 @@ def plot_fronts_over_instant(results: Results) -> Figure:
     grid: Any = figure.subplots(rows, 3, subplot_kw={"projection": "3d"}, squeeze=False, height_ratios=[2.1] * rows)
     for i, axes in enumerate(grid.flat):
         if i < samples:
-            _plot_sample_over_instant(axes, results, i)
+            _plot_fronts_of_sample_over_instant(axes, results, i)
         else:
             axes.remove()
     return style.finish(figure)
 
 
-def _plot_sample_over_instant(axes: Any, results: Results, sample: int) -> None:
-    """Plot the fronts of one sample in three dimensions: instants held, the instant free, and the point of the run.
+def _plot_fronts_of_sample_over_instant(axes: Any, results: Results, sample: int) -> None:
+    """Plot the fronts of one sample in three dimensions: both costs, and the switch time t_s less the present time T0.
+
+    There is a front for each switch time that was held, one with the switch time free, and the point that the run
+    itself chose. Grey projections of the fronts are on the floor of the panel.
 
     Args:
         axes: Three-dimensional axes, for which Matplotlib has no types.
@@ -165,23 +177,26 @@ def _plot_sample_over_instant(axes: Any, results: Results, sample: int) -> None:
     """
     method = WEIGHTED if f"{WEIGHTED}_J_1" in results.quantities else CONSTRAINED
     J, is_dominated = front_points(results, method)
-    waits = results[f"{method}_wait"][sample]
+    waits = results[f"{method}_wait"][sample]  # t_s - T0 of each point of each front [s]; NaN without an optimum
     floor = float(np.nanmin(waits))
     span = float(np.nanmax(waits)) - floor
     floor -= 0.15 * span
     for held, waits_of_front in enumerate(waits):
         if not np.isfinite(waits_of_front).any():
             continue
-        wait = float(np.nanmax(waits_of_front))
+        wait = float(np.nanmax(waits_of_front))  # the same for all points of a front
         y, x = J[sample, held].T
         dominated = is_dominated[sample, held]
         efficient = np.flatnonzero(~dominated).tolist()
-        axes.plot(x, y, wait, markevery=efficient, label="_switch time held", **FRONT_LOOK, **style.mark_look(0))
-        axes.plot(x, y, floor, color="#D5D5D5", linewidth=0.9, label="_in the plane of $J_1$ and $J_2$")
+        look = {**FRONT_LOOK, **style.mark_look(0), "label": style.shared_label("switch time held")}
+        axes.plot(x, y, wait, markevery=efficient, **look)
+        axes.plot(
+            x, y, floor, color="#D5D5D5", linewidth=0.9, label=style.shared_label("in the plane of $J_1$ and $J_2$")
+        )
         if dominated.any():
             axes.plot(x[dominated], y[dominated], wait, **style.look("dominated", markersize=3.5, markeredgewidth=0.8))
     free_front = [results[f"free_{name}"][sample] for name in ("J_2", "J_1", "wait")]
-    axes.plot(*free_front, label="_switch time free", **FRONT_LOOK, **style.mark_look(1))
+    axes.plot(*free_front, label=style.shared_label("switch time free"), **FRONT_LOOK, **style.mark_look(1))
     point_of_run = (
         results["chosen_J_2"][sample],
         results["chosen_J_1"][sample],

@@ -18,20 +18,23 @@ MOST_PROCESSES = 4
 
 
 def make_calls(calls: Sequence[Callable[[], object]]) -> None:
-    """Make calls whose results are files, such as drawing figures, each once, in several processes at a time.
+    """Make calls whose results are files, such as drawing figures, several at a time in processes that are forked.
 
-    This process and others that are forked for it take the next call from one queue until it is empty. A call that
-    failed elsewhere, or whose process was killed, is repeated here, where its error appears as if nothing had been
+    This process and the forked ones take the next call from one queue until it is empty. A call that failed in a forked
+    process, or whose process was killed, is repeated in this one, where its error appears as if nothing had been
     forked. After an error or a signal no process begins another call.
 
+    Args:
+        calls: The calls, at most 256. What they return is dropped.
+
     Raises:
-        Exception: What a call raises.
+        Exception: Whatever a call raises.
     """
-    helpers = min(len(calls), _usable_processes()) - 1
+    helpers = min(len(calls), _usable_processes()) - 1  # besides this process
     work = Work("figures", len(calls), title="drawing", small_parts=True)
     if helpers < 1:
         for call in calls:
-            with uncollected():
+            with garbage_collection_paused():
                 call()
             work.advance()
         return
@@ -51,35 +54,38 @@ def _make_shared_calls(
 ) -> None:
     """Make calls in this process and in forked ones, which share a queue of the calls' numbers.
 
-    The queue is a pipe with one byte for each call, so that reading a byte takes a call; a second pipe reports which
-    were made.
+    The queue is a pipe that holds one byte for each call, the number of the call. A process takes a call by reading a
+    byte, which no other process then reads. Forked processes write the numbers of the calls that they have made into a
+    second pipe. Calls that nobody has made at the end, because their process failed, are made here.
 
     Args:
-        calls: The calls, at most 256.
+        calls: The calls, at most 256, as the number of a call is one byte.
         helpers: Number of processes to fork.
-        interruption: Tells whether a signal came; then no further call begins.
-        work: Counts the calls that were made.
+        interruption: Its `number` is that of a signal that came, 0 without one; after a signal no further call begins.
+        work: The progress, which counts the calls that were made.
     """
     queue, queue_end = os.pipe()
     os.write(queue_end, bytes(range(len(calls))))
     os.close(queue_end)
     made_elsewhere, report = os.pipe()
-    children = [_fork(calls, queue, report) for _ in range(helpers)]
+    children = [_fork_helper(calls, queue, report) for _ in range(helpers)]
     os.close(report)
 
     not_made = set(range(len(calls)))
     try:
         while not interruption.number and (number := os.read(queue, 1)):
-            with uncollected():
+            with garbage_collection_paused():
                 calls[number[0]]()
             not_made.remove(number[0])
             work.advance()
+            # reports that have come so far, without waiting for others
             while select.select([made_elsewhere], [], [], 0)[0] and (number := os.read(made_elsewhere, 1)):
                 not_made.discard(number[0])
                 work.advance()
     finally:
-        os.read(queue, len(calls))  # emptied, after an error too: the others then end
+        os.read(queue, len(calls))  # emptied, also after an error, so that the other processes end
         os.close(queue)
+        # until all processes have closed the pipe, which is when they have ended
         while numbers := os.read(made_elsewhere, len(calls)):
             not_made.difference_update(numbers)
         os.close(made_elsewhere)
@@ -91,22 +97,22 @@ def _make_shared_calls(
         calls[number_left]()
 
 
-def _fork(calls: Sequence[Callable[[], object]], queue: int, report: int) -> int:
-    """Start a process that takes calls from a queue until it is empty; return its id.
+def _fork_helper(calls: Sequence[Callable[[], object]], queue: int, report: int) -> int:
+    """Fork a process that takes calls from a queue until it is empty; return its process id to the parent.
 
-    It ignores signals, since its parent empties the queue then, and ends at the first error without a word: the parent
-    makes the call again.
+    The forked process ignores signals: its parent then empties the queue, which ends it. At the first error it ends
+    without a message, because the parent makes the failed call again.
 
     Args:
         calls: The calls.
-        queue: Pipe from which it reads the numbers of calls.
-        report: Pipe to which it writes the numbers of those it has made.
+        queue: File descriptor of the pipe from which it reads the numbers of calls, a byte each.
+        report: File descriptor of the pipe to which it writes the numbers of the calls that it has made.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads of NumPy's libraries, which expect forks
         child = os.fork()
     if child:
-        return child
+        return child  # this is the parent
     try:
         for signal_number in SIGNALS:
             signal.signal(signal_number, signal.SIG_IGN)
@@ -119,7 +125,7 @@ def _fork(calls: Sequence[Callable[[], object]], queue: int, report: int) -> int
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def garbage_collection_paused() -> Iterator[None]:
     """Keep Python from looking for garbage while a figure is made: in its thousands of new objects there is none."""
     collecting = gc.isenabled()
     gc.disable()

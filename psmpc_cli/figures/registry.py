@@ -40,12 +40,12 @@ class FigureKind:
     Attributes:
         make: The function that makes it.
         caption: What it shows, in a sentence.
-        is_of: Whether a subject has it: its data are there.
+        applies_to: Tells whether a subject, such as a run, has the data that the figure shows.
     """
 
     make: Callable[..., Figure]
     caption: str
-    is_of: Callable[[Any], bool] = lambda subject: True
+    applies_to: Callable[[Any], bool] = lambda subject: True
 
 
 FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
@@ -56,7 +56,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "instants": FigureKind(
             instants.plot_instants,
             "Planned switch times over time, and the actual ends of the stages.",
-            is_of=instants.plans_switches,
+            applies_to=instants.plans_switches,
         ),
         "states": FigureKind(
             coordinates.plot_states, "Base pose and joint angles; stages are shaded, early starts dotted."
@@ -68,7 +68,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "forces": FigureKind(
             coordinates.plot_forces,
             "Generalized forces of the low-level controller, with the limits in force.",
-            is_of=lambda run: bool(np.isfinite(run["force/F"]).any()) or not len(run.time),
+            applies_to=lambda run: bool(np.isfinite(run["force/F"]).any()) or not len(run.time),
         ),
         "errors": FigureKind(
             coordinates.plot_errors,
@@ -79,22 +79,22 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "grasps": FigureKind(
             instants.plot_grasps,
             "Filtered loads on each grasp while it is closed, with what it holds.",
-            is_of=lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
+            applies_to=lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
         ),
         "thrusters": FigureKind(
             instants.plot_thrusters,
             "Impulse of each thruster over every sample, of the largest that it can give.",
-            is_of=lambda run: "thrusters/impulse" in run,
+            applies_to=lambda run: "thrusters/impulse" in run,
         ),
         "wheels": FigureKind(
             instants.plot_wheels,
             "Angular momentum of each reaction wheel, and the torque of its motor, with their limits.",
-            is_of=lambda run: "wheels/momentum" in run,
+            applies_to=lambda run: "wheels/momentum" in run,
         ),
         "clearance": FigureKind(
             instants.plot_clearance,
             "Smallest distances of the nearest parts, with the margin that the task keeps.",
-            is_of=instants.has_distances,
+            applies_to=instants.has_distances,
         ),
     },
     COMPARISON: {
@@ -114,17 +114,17 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "surface": FigureKind(
             sweep.plot_surface,
             "Actual start of the second stage over both priorities, between its earliest start and its switch time.",
-            is_of=lambda cells: cells.sampling is FullFactorial,
+            applies_to=lambda cells: cells.sampling is FullFactorial,
         ),
         "heat_map": FigureKind(
             sweep.plot_heat_map,
             "The same from above; the contour encloses the cells that start as early as the horizon allows.",
-            is_of=lambda cells: cells.sampling is FullFactorial,
+            applies_to=lambda cells: cells.sampling is FullFactorial,
         ),
         "draws": FigureKind(
             sweep.plot_draws,
             "Actual start of the second stage for every draw of both priorities.",
-            is_of=lambda cells: cells.sampling is Draws,
+            applies_to=lambda cells: cells.sampling is Draws,
         ),
         "starts": FigureKind(
             sweep.plot_starts, "Actual start against the ratio of the priorities, for every threshold of a start."
@@ -132,7 +132,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "sensitivity": FigureKind(
             sweep.plot_sensitivity,
             "End of the mission, effort, peak force and end error against the ratio, with the recommended one.",
-            is_of=sweep.has_compared,
+            applies_to=sweep.has_compared_quantities,
         ),
     },
     PARETO: {
@@ -140,7 +140,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "front_3d": FigureKind(
             pareto.plot_fronts_over_instant,
             "The same with the switch time as a third criterion, and the fronts with it held.",
-            is_of=pareto.has_instant_criterion,
+            applies_to=pareto.has_instant_criterion,
         ),
     },
     MONTE_CARLO: {
@@ -150,7 +150,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "runs": FigureKind(
             monte_carlo.plot_runs,
             "Final error and tightest margins of every run; failed runs are ringed.",
-            is_of=monte_carlo.has_measured,
+            applies_to=monte_carlo.has_measured_quantities,
         ),
     },
     "robot": {"robot": FigureKind(snapshots.plot_robot, "The robot at rest, with its joints and frames.")},
@@ -173,26 +173,29 @@ REQUIRED_CONTENT: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
 
 def figures_of(kind: str, subject: Any = None) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a kind by name; of a subject, those it has."""
-    return {name: each.make for name, each in FIGURES[kind].items() if subject is None or each.is_of(subject)}
+    return {name: each.make for name, each in FIGURES[kind].items() if subject is None or each.applies_to(subject)}
 
 
 def plot(run: RunOrPath | Mapping[str, RunOrPath], name: str) -> Figure:
-    """Return a figure of a run, or of several runs by controller.
+    """Make one of psmpc's figures of a run, or of several runs by controller, and return it to be shown or saved.
 
     Args:
         run: A run, or runs by controller such as psmpc, smpc; the path of a log or of a comparison stands for its runs.
-        name: Such as states, instants or snapshots.
+        name: Name of the figure, such as states, instants or snapshots.
+
+    Returns:
+        The figure, complete and in psmpc's style.
 
     Raises:
-        InputError: There is no run, or no figure of this name.
+        InputError: There is no run, or the run has no figure of this name.
         LogError: A path leads to no log, or no comparison.
     """
     require("figure", name, str, "the name of a figure")
     subject = resolve_runs(run)
-    known = figures_of(RUN if isinstance(subject, Run) else COMPARISON, subject)
-    (name,) = _select("figure", [name], known)
+    makers = figures_of(RUN if isinstance(subject, Run) else COMPARISON, subject)
+    (name,) = _select_known("figure", [name], makers)
     with in_style():
-        figure = known[name](subject)
+        figure = makers[name](subject)
         figure.draw_without_rendering()  # ticks and texts are made in this style, not in the user's
     return figure
 
@@ -206,17 +209,22 @@ def draw(
     force: bool = False,
     films: Collection[str] = (),
 ) -> list[Path]:
-    """Draw figures of a run or study, each into a file for each format, in several processes; return the files.
+    """Draw figures of a run or study into files, several at a time in processes of their own.
+
+    Each figure has one file for each format, named as the figure.
 
     Args:
-        kind: What the subject is, as in the table of figures.
-        subject: What is drawn: a run, several runs, or the results of a study.
+        kind: What the subject is: a key of `FIGURES`, such as `RUN` or `SWEEP`.
+        subject: What is drawn: a run, several runs by controller, or the results of a study.
         directory: Where the files go; made if necessary.
-        formats: Of png, pdf, svg.
-        only: Names of the figures to draw; None for all.
-        force: Overwrite files that exist.
-        films: Of animation and render; of runs only. Where figures exist already, all chosen, and are not to be
-            overwritten, only the films are made.
+        formats: Some of png, pdf and svg.
+        only: Names of the figures to draw; None for all that the subject has data for.
+        force: Whether files that exist are overwritten.
+        films: Which films of a run are made too: some of animation and render. If any figure exists already, `only` is
+            None and `force` is not set, then the films alone are made.
+
+    Returns:
+        The files that were written, those of films last.
 
     Raises:
         InputError: A name or format is unknown, a file exists or cannot be written, or there is no renderer.
@@ -228,8 +236,8 @@ def draw(
         path = getattr(subject, "results", subject).path
         raise LogError(f"{path}: found no {content}, expected one at least to draw")
     known_figures = figures_of(kind, subject)
-    names = _select("figure", known_figures if only is None else only, known_figures)
-    endings = _select("format", formats, FORMATS)
+    names = _select_known("figure", known_figures if only is None else only, known_figures)
+    endings = _select_known("format", formats, FORMATS)
 
     figures = figure_files(directory, names, endings)
     # with films asked for, figures that are there already need not be drawn again
@@ -238,7 +246,7 @@ def draw(
     film_files = figure_files(directory, [name for name in FILMS if name in films], _film_endings())
     files = [path for paths in (*figures.values(), *film_files.values()) for path in paths]
     if "render" in films:
-        offscreen_driver()
+        offscreen_driver()  # raises before any file is written if nothing can render here
     _prepare_files(files, force)
     with in_style():
         make_calls([partial(_make_and_save, known_figures[name], subject, paths) for name, paths in figures.items()])
@@ -275,7 +283,7 @@ def check_figure(path: Path, force: bool, option: str = "-o", inputs: Iterable[P
         InputError: It cannot, or the ending of the file is unknown.
     """
     ending = path.suffix[1:]
-    _select("format", [ending], FORMATS)
+    _select_known("format", [ending], FORMATS)
     check_output(path, force, BY_ENDING[ending], option, inputs)
 
 
@@ -330,8 +338,17 @@ def default_directory(log: Path) -> Path:
     return log.with_suffix("") if log.suffix else log.parent / f"{log.name}_figures"
 
 
-def _select(what: str, wanted: Iterable[str], known: Collection[str]) -> list[str]:
-    """Return what is wanted, each once and in the order of what is known; InputError if something is unknown."""
+def _select_known(what: str, wanted: Iterable[str], known: Collection[str]) -> list[str]:
+    """Return the wanted names, each once and in the order of the known ones, to check what a user has chosen.
+
+    Args:
+        what: What the names are of, as a message calls it, such as figure.
+        wanted: Names that the user has given.
+        known: Names that there are.
+
+    Raises:
+        InputError: A wanted name is unknown.
+    """
     wanted = list(wanted)
     unknown = [name for name in wanted if name not in known]
     if unknown:

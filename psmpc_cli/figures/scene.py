@@ -80,13 +80,13 @@ class Scene:
 
     Attributes:
         run: The run.
-        taken, left: When the object is taken, and when it is let go or lost [s]; infinite if never.
+        taken_at, released_at: When the object is taken, and when it is let go or lost [s]; infinite if never.
         lost: Whether it is lost: a monitor of the distance of two grippers finds them too far apart while they hold it.
     """
 
     run: Run
-    taken: float
-    left: float
+    taken_at: float
+    released_at: float
     lost: bool
 
     @property
@@ -100,7 +100,7 @@ class Scene:
         return self.run.task.spec.obstacles
 
     @property
-    def half(self) -> np.ndarray:
+    def object_half_edges(self) -> np.ndarray:
         """Half the edges of the object (3,) [m]; 0 where the task has none."""
         spec = self.run.task.spec.object
         return half_edges(spec.shape if spec else ())
@@ -113,12 +113,12 @@ class Scene:
         if "object/pose" in self.run:
             sample = int(np.searchsorted(self.run.time, time, side="right")) - 1
             return pose_frames(self.run["object/pose"][max(0, sample)])
-        if time <= self.taken:
+        if time <= self.taken_at:
             return pose_frames(spec.pose)
-        before, now = map(self.run.motion.coordinates_at, (self.taken, min(time, self.left)))
+        before, now = map(self.run.motion.coordinates_at, (self.taken_at, min(time, self.released_at)))
         return carried_frame(self.run.problem.model, pose_frames(spec.pose), before, now)
 
-    def acting(self, time: float) -> list[int]:
+    def acting_stages(self, time: float) -> list[int]:
         """Return the stages that act from a time [s] on: the current one and those that start early."""
         spans = self.run.spans
         begun = [span for span in spans if (span.start if span.early is None else span.early) <= time]
@@ -129,20 +129,22 @@ class Scene:
 
         Args:
             stage: Index of the stage.
-            time: When [s]; targets of trajectories and moving objects change.
+            time: When [s]: targets that are trajectories or relative to moving objects change with time.
 
         Returns:
-            Frames (1 + arms, 4, 4) [m]; NaN where the stage asks for no position, or for no attitude.
+            Homogeneous transforms (1 + arms, 4, 4) [m], base first. The position of a frame is NaN where the stage asks
+            for no position of it, and its rotation is NaN where the stage asks for no attitude.
         """
         model = self.run.problem.model
         span = self._span_of(stage, time)
         placed_stage = self.run.problem_at(time).stages[stage] if span is None else self.run.followed(span)
         skill = skill_in(placed_stage.space)
-        aim = placed_stage.wanted(0.0 if span is None else time - span.start)
+        aim = placed_stage.wanted(0.0 if span is None else time - span.start)  # the target at this time
+        # a target of joints says where a frame is only with the rest of the robot's posture
         posture_now = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.posture_after(model, posture_now, aim).xi.reshape(len(model.pose_rows), -1))
-        frames[:, : model.dimension, 3] = skill.aims(model, aim)
-        positions, attitudes = asked_frames(model, placed_stage)
+        frames[:, : model.dimension, 3] = skill.aims(model, aim)  # positions as the target has them
+        positions, attitudes = frames_with_targets(model, placed_stage)
         frames[~positions, :3, 3] = np.nan
         frames[~attitudes, :3, :3] = np.nan
         return frames
@@ -163,16 +165,16 @@ class Scene:
 
     def points(self, time: float) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds robot and object at a time [s]."""
-        robot = outline(self.run.problem.model, self.run.motion.coordinates_at(time))
+        robot = points_around_robot(self.run.problem.model, self.run.motion.coordinates_at(time))
         frame = self.object_frame(time)
-        return robot if frame is None else np.vstack([robot, corners(frame, self.half)])
+        return robot if frame is None else np.vstack([robot, box_corners(frame, self.object_half_edges)])
 
     def extent(self, times: Iterable[float]) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds all that is drawn up to and at these times [s], shadows too."""
-        every = list(times)
-        tracks = self.paths(float(self.run.motion.time[0]), max(every))
-        aims = [self.target_frames(stage, time)[:, :3, 3] for time in every for stage in self.acting(time)]
-        return points_with_shadows([*map(self.points, every)], [*tracks, *aims], self.obstacles, every)
+        all_times = list(times)
+        tracks = self.paths(float(self.run.motion.time[0]), max(all_times))
+        aims = [self.target_frames(stage, time)[:, :3, 3] for time in all_times for stage in self.acting_stages(time)]
+        return points_with_shadows([*map(self.points, all_times)], [*tracks, *aims], self.obstacles, all_times)
 
     def events(self, time: float) -> list[str]:
         """Return what is on at a time [s]: the current stage, those that already act, whether the object is lost."""
@@ -180,7 +182,7 @@ class Scene:
         current = [span for span in spans if span.start <= time]
         early = [span for span in spans if span.early is not None and span.early <= time < span.start]
         events = [readable(current[-1].name), *(f"{readable(span.name)} already acts" for span in early)]
-        return events + ["object lost"] * bool(self.lost and time >= self.left)
+        return events + ["object lost"] * bool(self.lost and time >= self.released_at)
 
     def switches(self) -> list[tuple[float, str]]:
         """Return when stages ended [s], and what to call that."""
@@ -188,17 +190,19 @@ class Scene:
         return [(time, f"{readable(names[index])} ends") for index, time in self.run.switches]
 
     def key_instants(self) -> list[tuple[float, str]]:
-        """List the instants at which a picture of the run is worth drawing, with their names, by time.
+        """List the times at which a picture of the run is worth drawing, to choose the panels of snapshots.
 
-        They are its start and end, early starts, switches, and the loss of the object. Those within one sample are one.
+        They are its start and end, early starts, switches, and the loss of the object. Those of them that are at most a
+        sample apart are merged: one picture, with all their names.
 
         Returns:
-            Times [s] and names.
+            Pairs of a time [s] and what happens then, as a text for a title, by rising time.
         """
         start = float(self.run.motion.time[0])
         end = self.run.motion.end
         early = [(span.early, f"{readable(span.name)} starts") for span in self.run.spans if span.early is not None]
-        instants = [(start, "start"), *early, *self.switches(), *[(self.left, "object lost")] * self.lost]
+        instants = [(start, "start"), *early, *self.switches(), *[(self.released_at, "object lost")] * self.lost]
+        # the end of the run, if nothing else on the list is at the same time
         instants += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in instants)
         merged: list[tuple[float, str]] = []
         for time, event in sorted(instants, key=lambda instant: instant[0]):
@@ -215,38 +219,43 @@ def points_with_shadows(
     obstacles: Sequence[ObstacleSpec] = (),
     times: Sequence[float] = (0.0,),
 ) -> np.ndarray:
-    """Collect the points that a view of a scene has to contain, with the shadows of bodies on the floor.
+    """Collect the points that a view of a scene has to contain: of bodies, their shadows, paths and near obstacles.
 
-    The floor is at the lowest of all points. Obstacles count as far as they are near.
+    Shadows are straight below the bodies, on a floor at the height of the lowest of all points. Obstacles count as far
+    as they are near the other points, see `nearby_points_of_obstacle`.
 
     Args:
         bodies: Points of bodies that cast shadows, arrays (., 3) [m].
-        others: Points of what casts none, such as paths; NaN is left out.
-        obstacles: Obstacles.
-        times: When obstacles are seen [s].
+        others: Points of what casts no shadow, such as paths, arrays (., 3) [m].
+        obstacles: Obstacles; they may move.
+        times: All times at which the obstacles are drawn in this view [s].
 
     Returns:
-        The points (., 3) [m].
+        The points (., 3) [m], without those of the arguments that are NaN.
     """
-    body_points = _finite(np.vstack(bodies))
-    points = np.vstack([body_points, _finite(np.vstack([*others, np.zeros((0, 3))]))])
-    points = np.vstack([points, *(points_near(obstacle, time, points) for obstacle in obstacles for time in times)])
+    body_points = _finite_points(np.vstack(bodies))
+    # the empty array is for the case without others, which cannot be stacked
+    points = np.vstack([body_points, _finite_points(np.vstack([*others, np.zeros((0, 3))]))])
+    points = np.vstack(
+        [points, *(nearby_points_of_obstacle(obstacle, time, points) for obstacle in obstacles for time in times)]
+    )
     lowest = points[:, 2].min(initial=np.inf)
     return np.vstack([points, np.c_[body_points[:, :2], np.full(len(body_points), lowest)]])
 
 
-def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
-    """Return points that show an obstacle as far as it is near others; none if it is not.
+def nearby_points_of_obstacle(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
+    """Return the points of an obstacle that a view should contain besides the other points that it shows.
 
-    One that is large or far away would leave no room for the robot in a view.
+    They are moved to within `OBSTACLE_ROOM` around the box of the other points, and there are none if the whole
+    obstacle is farther away: to show all of an obstacle that is large or far would leave no room for the robot.
 
     Args:
         obstacle: The obstacle.
         time: When it is seen [s].
-        points: The other points (., 3) [m].
+        points: The other points of the view (., 3) [m].
 
     Returns:
-        Points (., 3) [m].
+        Points (., 3) [m]; (0, 3) if the obstacle is not near.
     """
     low = points.min(axis=0)
     high = points.max(axis=0)
@@ -254,8 +263,9 @@ def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.n
     shape = obstacle.shape.shape
     frame = obstacle_frame(obstacle, time)
     if shape.kind == "box":
-        obstacle_points = corners(frame, half_edges(shape.edges))
+        obstacle_points = box_corners(frame, half_edges(shape.edges))
     elif shape.kind == "capsule":
+        # the points of a sphere along the axes stand for each end
         around = shape.size[0] * np.vstack([np.eye(3), -np.eye(3)])
         obstacle_points = (in_inertial_frame(frame, capsule_ends(shape))[:, None] + around).reshape(-1, 3)
     else:  # of a half-space, the point of its face nearest to the middle of the others
@@ -284,29 +294,30 @@ def capsules(model: RobotModel, pieces: Sequence[Piece], Q: np.ndarray) -> list[
     return [(in_inertial_frame(frames[piece.body], piece.ends), piece.shape.size[0]) for piece in pieces]
 
 
-def _finite(points: np.ndarray) -> np.ndarray:
+def _finite_points(points: np.ndarray) -> np.ndarray:
     """Return those of points (., 3) of which all coordinates are finite."""
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 
-def asked_frames(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
-    """Tell of which frames of a robot a stage asks for the position, and of which for the attitude, to draw them.
+def frames_with_targets(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
+    """Tell for which frames of a robot a stage has a target position and for which a target attitude, to draw these.
 
-    Targets of joints fix the pose of their end-effector only if the base has a target too. An arm that points at a
-    point has no attitude to take.
+    Targets of an arm's joints determine the pose of its end-effector only if the base has a target too. An arm that
+    points at a point has this point as its position and no attitude.
 
     Args:
         model: The robot.
         stage: The stage.
 
     Returns:
-        Whether it asks for the position, and whether for the attitude, of base and end-effectors (1 + arms,) each.
+        Two masks over the base and the end-effectors (1 + arms,): which have a position, and which an attitude.
     """
+    # rows of the stage's error are relevant if they have a weight or are in its end condition
     asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
     positions = dict.fromkeys(model.pose_rows, False)
     attitudes = dict.fromkeys(model.pose_rows, False)
     for name in positions.keys() & stage.parts.keys():
-        part_kind = stage.parts[name].kind
+        part_kind = stage.parts[name].kind  # whether the target is a pose, a point to look at, or joint coordinates
         relevant = stage.relevant_rows[stage.parts[name].rows]
         if part_kind.is_pose:
             positions[name] = bool(relevant[: model.dimension].any())
@@ -329,18 +340,21 @@ def scene_of(run: Run) -> Scene:
     spec = run.task.spec.object
     if spec is None:
         return Scene(run, np.inf, np.inf, False)
-    ends = np.append(np.nan_to_num(run.stages["switch_time"], nan=np.inf), np.inf)  # what follows the last stage too
+    ends = np.append(np.nan_to_num(run.stages["switch_time"], nan=np.inf), np.inf)  # [-1] is never
+    # the stages in which the grippers hold the object: from when the stage before them ends until the last of them ends
     holding = run.task.spec.held_stages
-    taken = float(ends[holding.start - 1])
-    left = float(ends[holding.stop - 1])
+    taken_at = float(ends[holding.start - 1])
+    released_at = float(ends[holding.stop - 1])
     if "grasp/lost" in run:
-        lost = run["grasp/opened_at"][run["grasp/lost"] == 1]
-        return Scene(run, taken, float(lost.min()) if len(lost) else left, len(lost) > 0)
-    opened = min((_opened(run, monitor) for monitor in run.task.spec.monitors), default=np.inf)
-    return Scene(run, taken, opened, True) if taken < opened < left else Scene(run, taken, left, False)
+        lost_at = run["grasp/opened_at"][run["grasp/lost"] == 1]
+        end_of_hold = float(lost_at.min()) if len(lost_at) else released_at
+        return Scene(run, taken_at, end_of_hold, lost=len(lost_at) > 0)
+    parted_at = min((_time_grippers_parted(run, monitor) for monitor in run.task.spec.monitors), default=np.inf)
+    lost = taken_at < parted_at < released_at
+    return Scene(run, taken_at, parted_at if lost else released_at, lost)
 
 
-def _opened(run: Run, monitor: MonitorSpec) -> float:
+def _time_grippers_parted(run: Run, monitor: MonitorSpec) -> float:
     """Find when a monitor first sees two grippers too far apart [s]; infinite if it does not."""
     if monitor.quantity != "distance" or len(monitor.of) != 2 or "base" in monitor.of:
         return np.inf
@@ -365,13 +379,13 @@ def grasp_frame(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     return np.asarray(first)
 
 
-def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+def points_around_robot(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return points (., 3) [m] whose hull holds the robot at Q (nq,)."""
     shape = model.shape
     frames = model.body_frames(Q)
     parts = [(tool.body, shape.grippers[arm]) for arm, tool in model.spec.tools.items()]
     parts += [(body, ends.reshape(-1, 3)) for body, ends in enumerate(shape.capsules)]
-    box = corners(frames[0] @ shape.box_frame, base_half(model))
+    box = box_corners(frames[0] @ shape.box_frame, base_half_edges(model))
     return np.vstack([box, *(in_inertial_frame(frames[body], points) for body, points in parts)])
 
 
@@ -380,7 +394,7 @@ def in_inertial_frame(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
 
 
-def base_half(model: RobotModel) -> np.ndarray:
+def base_half_edges(model: RobotModel) -> np.ndarray:
     """Return half the edges of the base's box as it is drawn (3,) [m]: flat in the plane."""
     return model.shape.box * [1, 1, model.dimension == 3]
 
@@ -390,7 +404,7 @@ def half_edges(shape: Sequence[float]) -> np.ndarray:
     return np.array([*shape, 0.0, 0.0, 0.0][:3]) / 2
 
 
-def corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
+def box_corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return the corners (8, 3) [m] of a box with half edges (3,) in a frame (4, 4)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return in_inertial_frame(frame, signs * half)

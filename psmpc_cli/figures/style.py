@@ -62,6 +62,9 @@ PEAK_RATIO = 5.0
 BETTER: Mapping[str, str] = {"up": "↑", "down": "↓", "left": "←", "down and left": "↙"}
 """Arrows to the better side of an axis."""
 
+NO_LABEL = "_"
+"""Label of an artist that has an entry in no legend."""
+
 LIMIT_DASH = 4.0
 """Length of a dash of a limit that several lines share [line widths]."""
 
@@ -201,7 +204,15 @@ def mark_look(index: int) -> dict[str, Any]:
 
 def look(name: str, **more: Any) -> dict[str, Any]:
     """Return the look of what legends call by this name, with the label by which `finish` finds it."""
-    return {"label": f"_{name}", **LOOKS[name], **more}
+    return {"label": shared_label(name), **LOOKS[name], **more}
+
+
+def shared_label(text: str) -> str:
+    """Return the label of an artist that has an entry in the legend that all panels share and `finish` writes.
+
+    Labels that begin with an underscore are those that Matplotlib leaves out of the panels' own legends.
+    """
+    return f"_{text}"
 
 
 def words_of(name: str) -> str:
@@ -211,14 +222,14 @@ def words_of(name: str) -> str:
     return words if len(words) <= LONGEST_NAME else f"{words[:half].rstrip()}…{words[1 - half :].lstrip()}"
 
 
-def literal(text: str) -> str:
-    """Write a text for a figure, in which it is no formula: Matplotlib reads what stands between dollars as one."""
+def escape_dollars(text: str) -> str:
+    """Write a text so that Matplotlib shows it as it is: it reads what stands between two dollar signs as a formula."""
     return text.replace("$", r"\$")
 
 
 def readable(name: str) -> str:
     """Return a name from a specification as words for a figure."""
-    return literal(words_of(name))
+    return escape_dollars(words_of(name))
 
 
 def text_width(text: str) -> float:
@@ -236,24 +247,24 @@ def shortened(text: str, width: float) -> str:
 
 
 def title_of(controller: str) -> str:
-    """Return the name of a controller as pages write it, and figures as a `literal`."""
+    """Return the name of a controller as pages write it, and figures as a `escape_dollars`."""
     return TITLES.get(controller, words_of(controller))
 
 
 def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
-    """Finish a figure: write the common legend, place the panels, and make the figure as tall as these need it.
+    """Complete a figure once its panels are drawn: write the legend that they share, place them, and set its height.
 
-    Entries of the common legend are artists whose labels begin with an underscore, which Matplotlib leaves out of the
-    panels' own legends. Panels get the heights of their grid's rows [in], those with equal scales the height that goes
-    with their width.
+    Entries of the shared legend are the artists whose labels begin with an underscore, which Matplotlib leaves out of
+    the panels' own legends; of several with one label the first counts. Panels get the heights of their grid's rows
+    [in], and those with equal scales the height that goes with their width.
 
     Args:
         figure: The figure with all its panels drawn.
-        title: Title of the legend.
+        title: Title of the shared legend.
         above: Whether the legend is above the panels instead of below.
 
     Returns:
-        The figure.
+        The same figure.
     """
     artists = [artist for axes in figure.axes for artist in axes.get_children()]
     entries: dict[str, Artist] = {}
@@ -261,7 +272,7 @@ def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
         # Matplotlib itself gives labels _child... and _nolegend_
         if re.match("_(?!child|nolegend).", label := str(artist.get_label())):
             entries.setdefault(label[1:], artist)
-    room = {"upper": 0.0, "lower": 0.0}
+    room = {"upper": 0.0, "lower": 0.0}  # that legend and heading need above and below the panels [in]
     if entries:
         content: dict[str, Any] = {"handles": [*entries.values()], "labels": [*entries], "title": title or None}
         side = "upper" if above else "lower"
@@ -273,7 +284,7 @@ def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
         heading_text = figure.suptitle(heading, va="top")
         room["upper"] = heading_text.get_window_extent().height / figure.dpi + 2 * PAD
     arrange(figure, below=room["lower"], above=room["upper"])
-    if heading:
+    if heading:  # again, since its place is a part of the height that the figure has only now
         figure.suptitle(heading, y=1.0 - PAD / figure.get_figheight(), va="top")
     return figure
 
@@ -296,17 +307,16 @@ def width_beside(labels: Iterable[str]) -> float:
 def label_ends(axes: Axes) -> None:
     """Write the names of a panel's lines right of it, beside their ends, instead of in a legend.
 
-    Names are moved apart so that none overlap, and a piece of each line leads to its name. Of several lines of one look
-    the one that ends last counts.
+    Names are moved apart so that none overlap, and a piece of each line leads to its name. Where several lines of one
+    look make one curve, the name is at the end of the line that ends last. Heights are fractions of the panel's height.
     """
-    axes.autoscale_view()  # before heights are measured
+    axes.autoscale_view()  # sets the limits of the axes, in which the ends of lines are then measured
     ends: list[tuple[float, Line2D]] = []
     for line in axes.get_legend_handles_labels()[0]:
         if isinstance(line, Line2D) and np.isfinite(end_height := _height_of_end(axes, line)):
             ends.append((end_height, line))
-    ends.sort(key=lambda end_height: end_height[0])
-    height = _panel_height(axes)
-    text_heights = _spread([end_height for end_height, _ in ends], LINE_HEIGHT / height)
+    ends.sort(key=lambda end: end[0])
+    text_heights = _moved_apart([end_height for end_height, _ in ends], gap=LINE_HEIGHT / _panel_height(axes))
     figure: Any = axes.get_figure()
     width = axes.get_window_extent().width / figure.dpi
     for text_height, (end_height, line) in zip(text_heights, ends, strict=True):
@@ -327,12 +337,13 @@ def label_ends(axes: Axes) -> None:
 
 
 def _height_of_end(axes: Axes, line: Line2D) -> float:
-    """Find at which height of a panel a line ends, where its name is then written.
+    """Find at which height of a panel a curve ends, so that its name can be written there.
 
-    A curve may consist of several lines of one look (colour, style, width): the point that is last in x counts.
+    A curve may consist of several lines of one look (colour, style and width), of which any may be given. Its end is
+    their point with the largest x.
 
     Returns:
-        The height as a fraction of the panel's [0, 1]; NaN where no such line has a point.
+        The height as a fraction of the panel's height, from 0 to 1; NaN if no line of this look has a point.
     """
     look = (line.get_color(), line.get_linestyle(), line.get_linewidth())
     last_point = (-np.inf, np.nan)
@@ -349,8 +360,16 @@ def _height_of_end(axes: Axes, line: Line2D) -> float:
     return float(np.clip((pixel - panel_box.y0) / panel_box.height, 0.0, 1.0))
 
 
-def _spread(places: Sequence[float], gap: float) -> np.ndarray:
-    """Move sorted places in [0, 1] by as little as keeps neighbours a gap apart: least squares, by pooling."""
+def _moved_apart(places: Sequence[float], gap: float) -> np.ndarray:
+    """Move places in [0, 1] by as little as possible, in least squares, so that neighbours are at least a gap apart.
+
+    With the place of number i less i times the gap, this is a fit by numbers that do not fall. It is solved by pooling
+    adjacent violators: neighbours that would fall get their common mean.
+
+    Args:
+        places: The places, sorted.
+        gap: Smallest distance of neighbours.
+    """
     offset = gap * np.arange(len(places))
     blocks: list[list[float]] = []
     for wanted in np.asarray(places) - offset:
@@ -379,14 +398,23 @@ def draw_limit(axes: Axes, x: ArrayLike, y: ArrayLike, colors: Sequence[Any], la
     In the legend it has no line's colour.
     """
     every = len(colors)
-    axes.plot([], [], label=f"_{label}", **LEVEL)
+    axes.plot([], [], label=shared_label(label), **LEVEL)
     for turn, color in enumerate(colors):
         dashes: Any = (turn * LIMIT_DASH, (LIMIT_DASH, LIMIT_DASH * (every - 1))) if every > 1 else "-"
-        axes.plot(x, y, **{**LEVEL, "color": color, "linestyle": dashes, "dash_capstyle": "butt"}, label=f"_{label}")
+        axes.plot(
+            x, y, **{**LEVEL, "color": color, "linestyle": dashes, "dash_capstyle": "butt"}, label=shared_label(label)
+        )
 
 
-def show_beside_peaks(axes: Axes, values: np.ndarray) -> str:
-    """Make the axis logarithmic beyond a tenth of the peak's power of ten if peaks hide the rest; return a note."""
+def use_symlog_if_peaks_hide_rest(axes: Axes, values: np.ndarray) -> str:
+    """Make the vertical axis linear near 0 and logarithmic beyond if a few peaks would hide all other values.
+
+    That is so if the largest size is more than `PEAK_RATIO` times the 95th percentile. The axis is then linear up to a
+    tenth of the largest value's power of ten.
+
+    Returns:
+        A note on the axis for a reader; empty if it stays linear.
+    """
     size = np.abs(values[np.isfinite(values)])
     peak = float(np.max(size, initial=0.0))
     if peak == 0.0 or peak <= PEAK_RATIO * float(np.quantile(size, 0.95)):
@@ -400,13 +428,13 @@ def show_beside_peaks(axes: Axes, values: np.ndarray) -> str:
     return f"log beyond {'±' if np.nanmin(values) < 0 else ''}{threshold:g}"
 
 
-def better(direction: str, word: str = "better") -> str:
-    """Mark the better direction of an axis, such as down, with an arrow and a word."""
+def better_side(direction: str, word: str = "better") -> str:
+    """Return a note which side of an axis is better, such as down, as an arrow and a word."""
     return f"{BETTER[direction]} {word}"
 
 
-def notes(*parts: str) -> str:
-    """Join what is to be written above a panel."""
+def join_notes(*parts: str) -> str:
+    """Join the notes that are to be written above a panel; empty ones are left out."""
     return "; ".join(filter(None, parts))
 
 

@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.sweep import ALLOWED_ERROR, AlongRatio, SweepCells, recommend
+from psmpc_cli.studies.sweep import ALLOWED_ERROR, QuantityByRatio, SweepCells, recommend
 
 EARLIEST_START = "$t_s - T_h$"
 
@@ -22,7 +22,7 @@ RANGE = "lowest to highest of one ratio"
 
 FAILED_MISSION: Mapping[str, Any] = {
     "name": "ring around a failed run",
-    "label": "_mission failed",
+    "label": style.shared_label("mission failed"),
     "zorder": 4,
     "path_effects": [withStroke(linewidth=1.8, foreground="white")],
 }
@@ -30,10 +30,11 @@ FAILED_MISSION: Mapping[str, Any] = {
 
 
 def plot_heat_map(cells: SweepCells) -> Figure:
-    """Plot the actual start of the second stage [s] over both priorities, as colours of the cells of a grid.
+    """Plot when the second stage actually starts to act [s] over both stages' priorities, as colours of a grid.
 
-    A contour parts the cells in which the start is t_s - T_h, the earliest possible: then the stage acts as soon as it
-    is in the window. Starts are known to one sample: within the contour the start is the first sample after t_s - T_h.
+    A cell of the grid is the run with a pair of priorities omega_1, omega_2. A contour surrounds the cells in which the
+    start is the earliest possible, t_s - T_h: there the stage acts as soon as it enters the window, a horizon T_h
+    before the switch time t_s. Starts are known to one sample, so "earliest" is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
     starts, scale, label = _starts_of_threshold(cells)
@@ -42,9 +43,10 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
     _plot_contour(axes, x, y, start - earliest, cells.task.spec.controller.sample_time)
     if cells.waiting.any():
-        axes.bar(x[0], 0, color="white", label=["_waiting"])
+        # a bar of no height: the entry of white cells in the legend
+        axes.bar(x[0], 0, color="white", label=[style.shared_label("waiting")])
     _mark_cells(axes, cells, {"failed": cells.failed})
-    return _finish_plane(figure, axes, cells, scale, label)
+    return _finish_priority_plane(figure, axes, cells, scale, label)
 
 
 def plot_draws(cells: SweepCells) -> Figure:
@@ -55,7 +57,7 @@ def plot_draws(cells: SweepCells) -> Figure:
     x, y = np.log10(cells.omega)[cells.ended].T
     axes.scatter(x, y, 16, starts[cells.ended], norm=scale, zorder=3, **edge)  # above the marks of failed ones
     _mark_cells(axes, cells, {"failed": cells.failed, "waiting": cells.waiting})
-    return _finish_plane(figure, axes, cells, scale, label)
+    return _finish_priority_plane(figure, axes, cells, scale, label)
 
 
 def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> None:
@@ -67,11 +69,11 @@ def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) 
         axes.plot(*np.log10(cells.omega)[failed].T, **style.look(**FAILED_MISSION))
     best = recommend(cells).omega
     if best is not None:
-        label = f"_recommended, ω₂/ω₁ = {best[1] / best[0]:.4g}"
+        label = style.shared_label(f"recommended, ω₂/ω₁ = {best[1] / best[0]:.4g}")
         axes.plot(*np.log10(best), **style.look("recommended", label=label, clip_on=False))
 
 
-def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
+def _finish_priority_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
     """Label the plane of both priorities, and add the bar of its colours if there are any."""
     first, second = (style.readable(name) for name in cells.names)
     _tick_decades(axes, 7)
@@ -86,43 +88,42 @@ def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normaliz
 
 
 def plot_surface(cells: SweepCells) -> Figure:
-    """Plot the actual start of the second stage [s] over both priorities, as a surface.
+    """Plot when the second stage actually starts to act [s] over both stages' priorities, as a surface.
 
-    It lies between frames at the switch time t_s and at t_s - T_h, the earliest possible start, since the stage is in
-    no window before. Failed cells and the recommended one are marked.
+    The surface lies between a frame at the latest switch time t_s and one at the earliest t_s - T_h: before that, a
+    horizon T_h ahead of the switch, the second stage is in no window. Cells (runs with a pair of priorities) that
+    failed and the recommended one are marked.
     """
     figure = style.new_figure()
     figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
     starts, scale, label = _starts_of_threshold(cells)
-    shape = cells.results["status"].shape
+    shape = cells.results["status"].shape  # of the grid; arrays of cells are flat
     failed = cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
-    corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
+    frame = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
     if failed.any():
         axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
-    if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{EARLIEST_START}", **style.LEVEL)
+    if cells.ended.any():  # drawn from the lowest to the highest, since each covers what is drawn before
+        axes.plot(
+            *frame, [scale.vmin] * 5, linestyle=style.DASHED, label=style.shared_label(EARLIEST_START), **style.LEVEL
+        )
         colors = ScalarMappable(scale).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
-        axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
+        axes.plot(*frame, [scale.vmax] * 5, label=style.shared_label("$t_s$"), **style.LEVEL)
     if (mission_failed := cells.ended & ~cells.succeeded).any():
-        axes.plot(
-            x.flat[mission_failed], y.flat[mission_failed], starts[mission_failed], **style.look(**FAILED_MISSION)
-        )
+        places = x.flat[mission_failed], y.flat[mission_failed], starts[mission_failed]
+        axes.plot(*places, **style.look(**FAILED_MISSION))
     best = recommend(cells).omega
+    # no cell is close to NaN, which stands for no recommendation
     is_recommended = cells.ended & (best is not None) & np.isclose(cells.omega, best or np.nan).all(axis=1)
     if is_recommended.any():
-        name = f"_recommended, ω₂/ω₁ = {cells.ratio[is_recommended][0]:.4g}"
-        axes.plot(
-            x.flat[is_recommended],
-            y.flat[is_recommended],
-            starts[is_recommended],
-            **style.look("recommended", label=name),
-        )
+        legend_label = style.shared_label(f"recommended, ω₂/ω₁ = {cells.ratio[is_recommended][0]:.4g}")
+        place = x.flat[is_recommended], y.flat[is_recommended], starts[is_recommended]
+        axes.plot(*place, **style.look("recommended", label=legend_label))
     if cells.waiting.any():
-        axes.plot([], [], linestyle="none", label="_blank: waiting")
+        axes.plot([], [], linestyle="none", label=style.shared_label("blank: waiting"))  # an entry of the legend alone
     axes.view_init(24.0, -128.0)
     axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
     axes.set_xlabel("ω₁ (1)", labelpad=-6)
@@ -140,12 +141,17 @@ def plot_surface(cells: SweepCells) -> Figure:
 
 
 def _starts_of_threshold(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
-    """Take the actual starts for the one threshold that is shown, with their scale and their label.
+    """Return what a figure shows of all cells: the actual starts of the second stage by the threshold that is chosen.
 
-    They are NaN where no cell has ended (cells,) [s]; the scale is from the earliest t_s - T_h to the latest t_s.
+    A stage has actually started once its effect on the control is above a threshold epsilon; a sweep knows the starts
+    for several thresholds.
+
+    Returns:
+        The starts (cells,) [s], NaN of cells that have not ended the stage; the scale of their colours, from the
+        earliest t_s - T_h to the latest t_s; and the label of the axis.
     """
-    starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.chosen], np.nan)
-    label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.chosen]:g} (s)"
+    starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.shown_threshold], np.nan)
+    label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.shown_threshold]:g} (s)"
     if not cells.ended.any():
         return starts, Normalize(0.0, 1.0), label
     return starts, Normalize(cells.earliest_start[cells.ended].min(), cells.first_switch[cells.ended].max()), label
@@ -158,31 +164,41 @@ def _tick_decades(axes: Axes, most: int) -> None:
         axis.set_major_formatter("$10^{{{x:.0f}}}$")
 
 
-def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> None:
-    """Draw the contour between the cells that start less than a sample after t_s - T_h and the others."""
-    known = np.isfinite(above)
-    near = above < sample + 1e-6
-    if near[known].all() or not near[known].any():
+def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, delay: np.ndarray, sample_time: float) -> None:
+    """Draw the contour around the cells in which the second stage starts as early as the horizon allows.
+
+    Args:
+        axes: The panel.
+        x: log10 omega_1 of the columns of the grid.
+        y: log10 omega_2 of its rows.
+        delay: How long after t_s - T_h the stage starts in each cell (rows, columns) [s]; NaN where it is not known.
+        sample_time: Cells whose delay is at most this are inside [s].
+    """
+    known = np.isfinite(delay)
+    is_earliest = delay < sample_time + 1e-6
+    if is_earliest[known].all() or not is_earliest[known].any():
         return
+    values = np.ma.masked_where(~known, is_earliest.astype(float))  # 1 inside, 0 outside
     for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
-        axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
-    axes.plot([], [], color="black", linewidth=1.0, label=f"_{EARLIEST_START}, to one sample")
+        axes.contour(x, y, values, levels=[0.5], colors=color, linewidths=width)
+    axes.plot([], [], color="black", linewidth=1.0, label=style.shared_label(f"{EARLIEST_START}, to one sample"))
 
 
 def plot_starts(cells: SweepCells) -> Figure:
-    """Plot the actual start of the second stage [s] over the ratio of priorities, a line for each threshold.
+    """Plot when the second stage actually starts to act [s] over the ratio of priorities omega_2 / omega_1.
 
-    It lies between the switch time t_s and t_s - T_h, the earliest possible start; what is below that is shaded.
+    There is a line for each threshold epsilon, above which the stage's effect on the control counts as its start. The
+    start lies between the switch time t_s and t_s - T_h, the earliest possible start. Times before that are shaded.
     """
     figure, (axes,) = _panels_over_ratio(
         cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3, cells.failed
     )
     if cells.ended.any():
-        switch = AlongRatio(cells, cells.first_switch)
-        earliest = AlongRatio(cells, cells.earliest_start)
-        room = 0.06 * cells.task.spec.controller.horizon
-        low = float(earliest.lowest.min()) - room
-        high = float(switch.highest.max()) + room
+        switch = QuantityByRatio(cells, cells.first_switch)
+        earliest = QuantityByRatio(cells, cells.earliest_start)
+        margin = 0.06 * cells.task.spec.controller.horizon
+        low = float(earliest.lowest.min()) - margin
+        high = float(switch.highest.max()) + margin
         axes.plot(switch.ratio, switch.middle, label="$t_s$", **style.LEVEL)
         axes.plot(earliest.ratio, earliest.middle, linestyle=style.DOTTED, label=EARLIEST_START, **style.LEVEL)
         axes.fill_between(earliest.ratio, low, earliest.middle, color=style.STAGE, linewidth=0, zorder=0.5)
@@ -192,8 +208,10 @@ def plot_starts(cells: SweepCells) -> Figure:
         starts = cells.quantity("actual_start")
         for threshold in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[threshold]:g}"
-            _plot_along(axes, AlongRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold))
-    style.panel_legend(axes, style.better("down", "sooner"))
+            _plot_over_ratio(
+                axes, QuantityByRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold)
+            )
+    style.panel_legend(axes, style.better_side("down", "sooner"))
     return style.finish(figure)
 
 
@@ -203,30 +221,31 @@ class ComparedQuantity:
 
     Attributes:
         label: The label of its axis.
-        less: What less of it is.
+        better: A word for smaller values, such as sooner.
         values: Its value in every cell (cells,); NaN where it is not known.
         level: A level to compare with; NaN without one.
-        of_level: What this level is.
+        level_label: What this level is, for the legend.
         from_zero: Whether its axis begins at 0 where it is linear, as that of a ratio does.
     """
 
     label: str
-    less: str
+    better: str
     values: np.ndarray
     level: float = np.nan
-    of_level: str = ""
+    level_label: str = ""
     from_zero: bool = False
 
 
-def _compared(cells: SweepCells) -> list[ComparedQuantity]:
-    """List the quantities by which a ratio of priorities is recommended, of those that some ended cell has.
+def _compared_quantities(cells: SweepCells) -> list[ComparedQuantity]:
+    """List the quantities by which a ratio of priorities is recommended, for the figure that shows why.
 
-    Each comes with the level that it is compared with: the value with the task's own priorities, or what is allowed.
+    Each comes with the level that it is compared with: its value with the task's own priorities, or what is allowed.
+    Quantities are left out of which no cell that has ended the second stage has a value.
     """
 
-    def beside_reference(label: str, less: str, name: str) -> ComparedQuantity:
-        """Compare a quantity of the cells, by name, with that of the task's own priorities."""
-        return ComparedQuantity(label, less, cells.quantity(name), float(cells.reference(name)), "task's own")
+    def beside_reference(label: str, better: str, name: str) -> ComparedQuantity:
+        """Compare a quantity of the cells, by its name in the results, with that of the task's own priorities."""
+        return ComparedQuantity(label, better, cells.quantity(name), float(cells.reference(name)), "task's own")
 
     mission_end = np.where(cells.succeeded, cells.mission_end, np.nan)
     quantities = (
@@ -240,37 +259,39 @@ def _compared(cells: SweepCells) -> list[ComparedQuantity]:
     return [quantity for quantity in quantities if np.isfinite(quantity.values[cells.ended]).any()]
 
 
-def has_compared(cells: SweepCells) -> bool:
+def has_compared_quantities(cells: SweepCells) -> bool:
     """Tell whether any quantity that a recommendation compares is known of a cell."""
-    return len(_compared(cells)) > 0
+    return len(_compared_quantities(cells)) > 0
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
-    """Plot what a recommended ratio of priorities is chosen by, over the ratio, with the recommended one.
+    """Plot over the ratio of priorities the quantities by which a ratio is recommended, to show why it is this one.
 
-    Panels: the end of the mission [s], the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base [N], both
-    with the level of the task's own priorities, and the largest end error [tolerances]. Runs whose mission failed are
-    marked at the lower edge, and their end is left out.
+    The panels are the end of the mission [s]; the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base
+    [N], both with their level with the task's own priorities; and the largest end error [tolerances]. Vertical lines
+    are at the task's own ratio and at the recommended one. Runs whose mission failed are marked at the lower edge, and
+    have no end of the mission.
     """
-    quantities = _compared(cells)
+    quantities = _compared_quantities(cells)
     labels = [quantity.label for quantity in quantities]
     figure, all_axes = _panels_over_ratio(cells, labels, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
     best = recommend(cells).ratio
     for axes, compared in zip(all_axes, quantities, strict=True):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
-            label = f"task's {cells.own_ratio:.4g}" if axes is all_axes[0] else "_"
+            # the first panel explains the vertical lines of all
+            label = f"task's {cells.own_ratio:.4g}" if axes is all_axes[0] else style.NO_LABEL
             axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
-            label = f"recommended {best:.4g}" if axes is all_axes[0] else "_"
+            label = f"recommended {best:.4g}" if axes is all_axes[0] else style.NO_LABEL
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
         if np.isfinite(compared.level):
-            axes.axhline(compared.level, linestyle=style.DASHED, label=compared.of_level, **style.LEVEL)
-        _plot_along(axes, AlongRatio(cells, compared.values), **style.line_look(0))
+            axes.axhline(compared.level, linestyle=style.DASHED, label=compared.level_label, **style.LEVEL)
+        _plot_over_ratio(axes, QuantityByRatio(cells, compared.values), **style.line_look(0))
         _choose_scale(axes, np.append(compared.values[cells.ended], compared.level))
         if compared.from_zero and axes.get_yscale() == "linear":
             axes.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.values[cells.ended], compared.level))))
             axes.yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
-        style.panel_legend(axes, style.better("down", compared.less))
+        style.panel_legend(axes, style.better_side("down", compared.better))
     return style.finish(figure)
 
 
@@ -287,11 +308,13 @@ def _choose_scale(axes: Axes, values: np.ndarray) -> None:
 def _panels_over_ratio(
     cells: SweepCells, labels: Sequence[str], height: float, failed: np.ndarray
 ) -> tuple[Figure, list[Axes]]:
-    """Make a figure of panels over the ratio of priorities, with failed cells along the first one's lower edge.
+    """Make a figure of panels below each other over the ratio of priorities omega_2 / omega_1, on a logarithmic axis.
+
+    Cells that failed are marked along the lower edge of the first panel; the panels are empty besides.
 
     Args:
-        cells: The sweep, whose ratios give the range, run or not.
-        labels: Labels of the panels.
+        cells: The sweep. The axis has the range of its ratios, also of cells that have not been run.
+        labels: Labels of the panels' vertical axes.
         height: Height of each panel [in].
         failed: Which cells are marked as failed (cells,).
 
@@ -307,14 +330,15 @@ def _panels_over_ratio(
     rows[0].xaxis.set_minor_locator(NullLocator())
     if failed.any():
         ratio = np.unique(cells.ratio[failed])
-        below = rows[0].get_xaxis_transform()
-        rows[0].plot(ratio, 0.045 + 0 * ratio, transform=below, **style.look("failed", label="failed"))
+        # x is a ratio, y a fraction of the panel's height, just above its lower edge
+        at_lower_edge = rows[0].get_xaxis_transform()
+        rows[0].plot(ratio, np.full(len(ratio), 0.045), transform=at_lower_edge, **style.look("failed", label="failed"))
     return figure, rows
 
 
-def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
+def _plot_over_ratio(axes: Axes, values: QuantityByRatio, **look: Any) -> None:
     """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
         band = {"color": look["color"], "alpha": 0.2, "linewidth": 0}
-        axes.fill_between(values.ratio, values.lowest, values.highest, label=f"_{RANGE}", **band)
+        axes.fill_between(values.ratio, values.lowest, values.highest, label=style.shared_label(RANGE), **band)

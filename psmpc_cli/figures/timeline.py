@@ -19,6 +19,9 @@ STRIP_ROW = 0.15
 STRIP_ROW_WITH_KEY = 0.19
 """Heights of a row of the strip, without and with a patch in the look of its stage [in]."""
 
+STAGE_BAR_HEIGHT = 0.86
+"""Height of a stage's bar, in rows of the strip."""
+
 KEY_HEIGHT = 0.25
 """Height of the patch in a stage's own look, in rows of the strip."""
 
@@ -34,27 +37,31 @@ def timeline(
     beside: Iterable[str] = (),
     stage_look: Callable[[int], Mapping[str, Any]] | None = None,
 ) -> tuple[Figure, np.ndarray]:
-    """Make a figure of panels along time, a column for each run, below a strip that shows the stages as bars.
+    """Make the frame of a figure over time: empty panels below a strip that shows the stages as named bars.
+
+    Each run has a column, with a strip and panels of its own. All panels share the axis of time.
 
     Args:
         runs: A run, or several by controller, whose names then stand above their columns.
         rows: Number of panels below each other.
         height: Height of one panel [in].
-        shaded: Whether the panels are shaded by stage.
-        beside: Names that will stand beside the ends of lines; room is left for the widest.
-        stage_look: Look of a stage's patch under its bar, where panels tell stages apart by it; None without patches.
+        shaded: Whether the background of panels shows the stages: every other stage grey, early starts coloured.
+        beside: Names that will be written right of a panel beside the ends of its lines; room is left for the widest.
+        stage_look: Tells the look (keywords of a Matplotlib patch) of a stage by its index. The strip then has a patch
+            in this look under each bar, as the key to panels that tell stages apart by it. None for no patches.
 
     Returns:
         The figure, and its panels (rows, runs).
     """
     several = not isinstance(runs, Run)
-    all_runs = runs_of(runs)
+    all_runs = runs_as_list(runs)
     ends = [run.motion.time[[0, -1]] for run in all_runs]
     start = float(np.min(ends))
     end = float(np.max(ends))
 
     page = style.PAGE if several else style.COLUMN
     width = (style.PAGE - 1.3) / len(all_runs) if several else style.AXIS_WIDTH - style.width_beside(beside)
+    # a run of one sample has start and end at one time: then about a sample is shown
     side_margin = 0.012 * (end - start) or 0.55 * all_runs[0].task.spec.controller.sample_time
     time_range = (start - side_margin, end + side_margin)
     bars = place_bars([run.spans for run in all_runs], time_range, width)
@@ -66,7 +73,7 @@ def timeline(
     axes = figure.subplots(rows + 1, len(all_runs), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
     axes[0, 0].set_xlim(*time_range)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=4 if several else 7, steps=[1, 2, 5, 10]))
-    axes[0, 0].set_ylim(strip_rows, 0)
+    axes[0, 0].set_ylim(strip_rows, 0)  # rows of the strip count downwards
 
     for column, bars_of_run, run in zip(axes.T, bars, all_runs, strict=True):
         column[0].set_axis_off()
@@ -75,7 +82,7 @@ def timeline(
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
     for column, name in zip(axes[0], () if isinstance(runs, Run) else runs, strict=False):
-        column.set_title(style.literal(style.title_of(name)), loc="center", fontsize=8.0)
+        column.set_title(style.escape_dollars(style.title_of(name)), loc="center", fontsize=8.0)
     return figure, axes[1:]
 
 
@@ -95,7 +102,7 @@ def label_row(panels: Sequence[Axes], label: str, note: str = "") -> None:
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def leave_out(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
+def hide_panels(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
     """Leave out panels of the last row which have nothing to show; those above them then have the labels of time."""
     for column in columns:
         grid[row, column].set_visible(False)
@@ -108,7 +115,7 @@ def leave_out(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
         grid[row, 0].set_ylabel("")
 
 
-def runs_of(runs: Mapping[str, Run] | Run) -> list[Run]:
+def runs_as_list(runs: Mapping[str, Run] | Run) -> list[Run]:
     """Return the runs of a figure, one or several."""
     return [runs] if isinstance(runs, Run) else list(runs.values())
 
@@ -121,10 +128,11 @@ class StageBar:
         span: The stage.
         row: Row of both.
         left: Where the bar begins [s]; it ends where the span does.
-        name: What is written.
+        name: Name of the stage as it is written, perhaps shortened.
         name_at: Where it is written [s].
-        align: Which part of it is there: its center on the bar, its left beside the bar's end, its right before it.
-        taken: From when to when bar and name are [s].
+        align: Which point of the name is there: its center where it is on the bar, its left end where it stands behind
+            the bar, its right end where it stands before it.
+        taken: From when to when there is the bar or its name [s].
     """
 
     span: Span
@@ -137,20 +145,23 @@ class StageBar:
 
 
 def place_bars(schedules: Sequence[Sequence[Span]], view: tuple[float, float], width: float) -> list[list[StageBar]]:
-    """Place the bars of stages in as few rows as needed, so that no bars or names overlap.
+    """Place the bars of stages and their names in as few rows as needed, so that none overlap.
 
-    Stages take the rows in turn, in every schedule the same, so that a stage is in one row wherever it is drawn. There
-    are two rows at least. A name that is wider than its bar stands behind the bar, or before it where there is no room
-    behind it; where there is none at all it is shortened.
+    Stage number s is in row s modulo the number of rows, in every schedule, so that a stage is in one row wherever it
+    is drawn. There are at least two rows. A name that is wider than its bar stands behind the bar, or before it if
+    there is no room behind it; if there is none at all, it is shortened.
 
     Args:
-        schedules: The stages of each run, in order.
+        schedules: For each run the spans of its stages: when each was the current one, in order.
         view: First and last time on the axis [s].
         width: Width of the axis [in].
+
+    Returns:
+        The bars of each schedule.
     """
     bars = [[_place_bar(span, view, width) for span in spans] for spans in schedules]
     stages = [span.index for spans in schedules for span in spans]
-    rows = next(rows for rows in count(2) if rows > max(stages, default=0) or _are_apart(bars, rows))
+    rows = next(rows for rows in count(2) if rows > max(stages, default=0) or _no_bars_overlap(bars, rows))
     return [[replace(bar, row=bar.span.index % rows) for bar in bars_of_run] for bars_of_run in bars]
 
 
@@ -161,7 +172,7 @@ def _place_bar(span: Span, view: tuple[float, float], width: float) -> StageBar:
     left = span.start if span.early is None else span.early
     gap = NAME_GAP * second
     room = max(span.end - left, last - span.end, left - first) - 2 * gap
-    name = style.literal(style.shortened(style.words_of(span.name), room / second))
+    name = style.escape_dollars(style.shortened(style.words_of(span.name), room / second))
     wide = style.text_width(name) * second + 2 * gap
     if wide <= span.end - left:
         return StageBar(span, 0, left, name, (left + span.end) / 2, "center", (left, span.end))
@@ -170,7 +181,7 @@ def _place_bar(span: Span, view: tuple[float, float], width: float) -> StageBar:
     return StageBar(span, 0, left, name, left - gap, "right", (left - wide, span.end))
 
 
-def _are_apart(schedules: Sequence[Sequence[StageBar]], rows: int) -> bool:
+def _no_bars_overlap(schedules: Sequence[Sequence[StageBar]], rows: int) -> bool:
     """Tell whether no two bars or names overlap if stages take so many rows in turn."""
     pairs = (pair for bars in schedules for pair in combinations(bars, 2))
     in_one_row = (pair for pair in pairs if pair[0].span.index % rows == pair[1].span.index % rows)
@@ -183,13 +194,14 @@ def draw_stages(
     first_row: float = 0.0,
     stage_look: Callable[[int], Mapping[str, Any]] | None = None,
 ) -> None:
-    """Draw stages as bars with their names; an early start is an additional piece before the bar.
+    """Draw stages as bars with their names; the time for which a stage acts early is a coloured piece before its bar.
 
     Args:
         axes: The strip above the panels.
-        bars: The bars, placed in rows.
-        first_row: Row at which they begin.
-        stage_look: Look of the patch under each bar, by stage, as in a legend; None without patches.
+        bars: The bars, placed in rows by `place_bars`.
+        first_row: Row of the axes in which the bars' row 0 is.
+        stage_look: Tells the look (keywords of a Matplotlib patch) of a stage by its index. A patch in this look is
+            drawn in the lower part of each bar, as the key to what the panels show of the stage. None for no patches.
     """
     outline: dict[str, Any] = {"fill": False, "edgecolor": style.EDGE, "linewidth": 0.5, "clip_on": False}
     stroke = withStroke(linewidth=1.5, foreground="white")
@@ -197,16 +209,19 @@ def draw_stages(
         span = bar.span
         middle = first_row + bar.row + 0.5
         if span.early is not None:
-            early_label = ["_next stage already acts"]  # as a list, so that the patch has the label, not its container
-            axes.barh(middle, span.start - bar.left, 0.86, bar.left, facecolor=style.EARLY, label=early_label)
+            # a list labels the patch; a text would label its container
+            early_label = [style.shared_label("next stage already acts")]
+            axes.barh(
+                middle, span.start - bar.left, STAGE_BAR_HEIGHT, bar.left, facecolor=style.EARLY, label=early_label
+            )
         face = style.STAGE if span.index % 2 else "white"
-        axes.barh(middle, span.end - span.start, 0.86, span.start, facecolor=face)
+        axes.barh(middle, span.end - span.start, STAGE_BAR_HEIGHT, span.start, facecolor=face)
         text_at = middle
         if stage_look is not None:
             patch_look = {"height": KEY_HEIGHT, "linewidth": 0, **stage_look(span.index)}
-            axes.barh(middle + (0.86 - KEY_HEIGHT) / 2, span.end - bar.left, left=bar.left, **patch_look)
+            axes.barh(middle + (STAGE_BAR_HEIGHT - KEY_HEIGHT) / 2, span.end - bar.left, left=bar.left, **patch_look)
             text_at -= KEY_HEIGHT / 2
-        axes.barh(middle, span.end - bar.left, 0.86, bar.left, **outline)
+        axes.barh(middle, span.end - bar.left, STAGE_BAR_HEIGHT, bar.left, **outline)
         axes.text(bar.name_at, text_at, bar.name, ha=bar.align, va="center_baseline", path_effects=[stroke])
 
 

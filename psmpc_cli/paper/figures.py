@@ -132,7 +132,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
     """
     figure, (axes,) = style.stack([""], [0.5 * len(runs)], "Time (s)")
     latest = max((time for name in runs for time in published.get(name, {}).values()), default=0.0)
-    _draw_schedule(axes, {style.literal(style.title_of(name)): run.spans for name, run in runs.items()}, latest)
+    _draw_schedule(axes, {style.escape_dollars(style.title_of(name)): run.spans for name, run in runs.items()}, latest)
     for name, y in zip(runs, axes.get_yticks(), strict=True):
         for time in published.get(name, {}).values():
             axes.plot(time, y - 1.3, **style.look("published end"))

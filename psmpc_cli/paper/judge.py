@@ -28,7 +28,7 @@ from psmpc_cli.paper.missions import (
 from psmpc_cli.specs.task import ObjectCheck
 from psmpc_cli.studies.front_movement import FrontMovement
 from psmpc_cli.studies.fronts import LEAST_IMPROVEMENT
-from psmpc_cli.studies.sweep import AlongRatio, SweepCells
+from psmpc_cli.studies.sweep import QuantityByRatio, SweepCells
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,8 @@ def _judge_trend_of_starts(claim: Claim, reproduction: Reproduction) -> Finding:
     rises = []
     shown = []
     for epsilon, values in zip(cells.epsilons, cells.quantity("actual_start").T, strict=True):
-        start = AlongRatio(cells, values)  # the lowest, middle and highest start at each ratio, from the smallest on
+        # the lowest, middle and highest start at each ratio, from the smallest on
+        start = QuantityByRatio(cells, values)
         rise = float(np.max(start.highest - np.minimum.accumulate(start.lowest)))
         first, last = start.middle[[0, -1]]
         rises.append(rise)
@@ -218,7 +219,7 @@ def _judge_trend_of_starts(claim: Claim, reproduction: Reproduction) -> Finding:
             cause.append(f"for epsilon = {epsilon:g} from {shown[-1]}, by up to {rise:.2f} s later at a larger ratio")
     return Finding(
         claim,
-        reproduced=shown[cells.chosen],  # at the threshold of the task
+        reproduced=shown[cells.shown_threshold],  # at the threshold of the task
         holds=not cause,
         difference=max(rises),
         tolerance=sample,
@@ -230,7 +231,7 @@ def _judge_start_at_largest_ratio(claim: Claim, reproduction: Reproduction) -> F
     """Check that the actual start at the largest ratio is within the tolerance of published times."""
     cells = reproduction.weights
     tolerance = time_tolerance(claim.number)
-    start = AlongRatio(cells, cells.quantity("actual_start")[:, cells.chosen])
+    start = QuantityByRatio(cells, cells.quantity("actual_start")[:, cells.shown_threshold])
     if not _has_ended_cell_at(start, cells.ratio.max()):
         cause = tuple(_causes_by_unfinished_cells(cells))
         return Finding(claim, reproduced=np.nan, holds=False, tolerance=tolerance, cause=cause)
@@ -242,7 +243,7 @@ def _judge_start_at_largest_ratio(claim: Claim, reproduction: Reproduction) -> F
     return Finding(claim, last, holds, difference, tolerance, cause=cause)
 
 
-def _has_ended_cell_at(along: AlongRatio, ratio: float) -> bool:
+def _has_ended_cell_at(along: QuantityByRatio, ratio: float) -> bool:
     """Tell whether a cell of a ratio of the weights ended."""
     return bool(np.isclose(along.ratio, ratio, rtol=SAME_RATIO, atol=0.0).any())
 
@@ -255,7 +256,7 @@ def _judge_chosen_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
     """
     cells = reproduction.weights
     # the claim reads weights.completion_time and weights.control_effort, quantities of the sweep over the weights
-    completion, effort = (AlongRatio(cells, cells.quantity(name.partition(".")[2])) for name in claim.reads)
+    completion, effort = (QuantityByRatio(cells, cells.quantity(name.partition(".")[2])) for name in claim.reads)
     compared = (claim.ratio, 1.0, float(cells.ratio.max()))
     missing = [f"no cell ended at ratio {ratio:.4g}" for ratio in compared if not _has_ended_cell_at(completion, ratio)]
     if missing:
@@ -276,12 +277,12 @@ def _judge_fronts_along_ratio(claim: Claim, reproduction: Reproduction) -> Findi
     if movement is None:
         return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
     cause = list[str]()
-    for instant, step, moves in zip(movement.instants, movement.against, movement.moves, strict=True):
+    for instant, step, moves in zip(movement.instants, movement.steps_back, movement.moves_at, strict=True):
         if step > LEAST_IMPROVEMENT or not moves:
             how = f"moves against it by {step:.2g} of the front" if moves else "does not move, or was not found"
             cause.append(f"at {instant:g} s it {how}")
     return Finding(
-        claim, f"{claim.published} at {movement.moving} of {len(movement.instants)}", not cause, cause=tuple(cause)
+        claim, f"{claim.published} at {movement.n_moving} of {len(movement.instants)}", not cause, cause=tuple(cause)
     )
 
 
@@ -290,7 +291,7 @@ def _judge_fronts_along_time(claim: Claim, reproduction: Reproduction) -> Findin
     movement = reproduction.movement
     if movement is None or len(movement.instants) < 2:
         return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
-    return Finding(claim, movement.directions(), movement.with_time, cause=movement.over_time)
+    return Finding(claim, movement.directions(), movement.moves_over_time, cause=movement.over_time)
 
 
 NO_FRONTS = "fewer windows of the PSMPC run than needed hold the first two stages alone and were solved"

@@ -75,12 +75,13 @@ def render(template: str, layer: str = "report", **context: Any) -> Page:
 
 @cache
 def _environment(layer: str) -> Environment:
-    """Build the Jinja environment of HTML pages: templates, styles and scripts of a layer, and of `report` for all.
+    """Build the Jinja environment in which the HTML pages of a layer are rendered.
 
-    A variable that a template has and the page does not is an error, and text is escaped.
+    Templates, styles and scripts are looked for in the folder of the layer, then in that of `report`, whose templates
+    all pages extend. Text is escaped. A variable that a template uses and that it is not given is an error.
 
     Args:
-        layer: Folder of psmpc_cli whose templates come first.
+        layer: Folder of psmpc_cli, such as report or paper.
     """
     loader = ChoiceLoader([PackageLoader("psmpc_cli", folder) for folder in (layer, "report")])
     environment = Environment(
@@ -90,6 +91,7 @@ def _environment(layer: str) -> Environment:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
+    # functions of templates; `source` puts a style or script, whose text is not escaped, into the page
     environment.globals |= {
         "source": lambda name: Markup(loader.get_source(environment, name)[0]),
         "filled_columns": filled_columns,
@@ -121,7 +123,10 @@ def _png(draw: Draw) -> dict[str, str | int]:
 def report_run(run: Run) -> Page:
     """Report a run on one HTML page: verdicts, warnings, stages, measures, and all figures that it has data for.
 
-    Figures are drawn when the page is rendered.
+    The template draws the figures while the page is rendered, and the progress counts them.
+
+    Returns:
+        The page, which needs no other files.
 
     Raises:
         LogError: The run has no samples.

@@ -23,7 +23,7 @@ OF_PLAN = 0.95
 """From this share on a violation of a limit counts as the plan's alone, and to the rest of it as none of the plan's."""
 
 
-def _load(run: Summary) -> float | str:
+def _describe_load(run: Summary) -> float | str:
     """Write the mass that a load was found to have, and its standard deviation [kg]; NaN of none."""
     if run.load is None:
         return math.nan
@@ -31,7 +31,7 @@ def _load(run: Summary) -> float | str:
     return f"{format_number(mass, 0.01)} ± {format_number(deviation, 0.01)}"
 
 
-def _delay(run: Summary) -> float | str:
+def _describe_delay(run: Summary) -> float | str:
     """Write the delay that commands were expected to have, and its standard deviation [ms]; NaN of none."""
     if run.delay is None or run.delay[0] == 0.0:
         return math.nan
@@ -39,28 +39,28 @@ def _delay(run: Summary) -> float | str:
     return f"{format_number(delay, 1.0)} ± {format_number(deviation, 0.1)}" if deviation else format_number(delay, 1.0)
 
 
-def _solves(solves: SolveSummary) -> str:
+def _describe_solve_times(solves: SolveSummary) -> str:
     """Write median, 95th and 99th percentile and maximum of the wall times [ms]."""
     times = (solves.median, solves.p95, solves.p99, solves.largest)
     return " / ".join(format_number(1e3 * time) for time in times) if solves.count else ""
 
 
-def _largest(*found: Largest | None) -> str:
+def _describe_largest(*found: Largest | None) -> str:
     """Write the largest values that there are, each with where and when."""
-    return " / ".join(_one_of_largest(each) for each in found if each is not None)
+    return " / ".join(_describe_one(each) for each in found if each is not None)
 
 
-def _one_of_largest(found: Largest) -> str:
+def _describe_one(found: Largest) -> str:
     """Write a largest value with its unit, where and when."""
     return f"{found.where}: {with_unit(format_number(found.value), found.unit)} at {format_number(found.time, 0.1)} s"
 
 
-def _violations(*found: Largest) -> str:
+def _describe_violations(*found: Largest) -> str:
     """Write violations of limits, each with what part of it the plan has."""
-    return " / ".join(f"{_largest(each)}, {_cause(each)}" for each in found)
+    return " / ".join(f"{_describe_largest(each)}, {_describe_cause(each)}" for each in found)
 
 
-def _cause(violation: Largest) -> str:
+def _describe_cause(violation: Largest) -> str:
     """Write whose a violation of a limit is, the plan's or that of the motion that follows it."""
     share = violation.planned / violation.value
     if share > OF_PLAN:
@@ -70,39 +70,43 @@ def _cause(violation: Largest) -> str:
     return f"{format_number(violation.planned)} {violation.unit} of it planned"
 
 
-def _limit_violations(summary: Summary) -> list[str]:
+def _describe_limit_violations(summary: Summary) -> list[str]:
     """Write the largest violations of position and velocity limits, and whether the closing of grippers explains them.
 
+    When grippers close on a moving object, their velocity against it ends at once, and other velocities jump with it.
+    A violation of a velocity limit at such a sample is no fault of the controller. It is named with this reason, and
+    followed by the largest violations in all other samples.
+
     Returns:
-        A text for each; empty where all limits were kept.
+        A text for each of `summary.beyond_limits`, in their order; none if all limits were kept.
     """
     texts = []
     for violation in summary.beyond_limits:
-        text = _violations(violation)
+        text = _describe_violations(violation)
         is_at_closing = violation.sample in summary.closing_samples and violation.where.endswith("velocity")
         if is_at_closing:
-            speeds = _of_object(summary, _closing_speeds)
+            speeds = _describe_object(summary, _describe_closing_speeds)
             reason = (
                 f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
             )
-            violations_elsewhere = _violations(*summary.beyond_limits_elsewhere) or "none"
+            violations_elsewhere = _describe_violations(*summary.beyond_limits_elsewhere) or "none"
             text = f"{text}; as the grippers close: {reason}; in other samples: {violations_elsewhere}"
         texts.append(text)
     return texts
 
 
-def _of_object(summary: Summary, text: Callable[[CaptureSummary], str]) -> str:
+def _describe_object(summary: Summary, text: Callable[[CaptureSummary], str]) -> str:
     """Write what became of an object with a mass; nothing without one."""
     return text(summary.capture) if summary.capture else ""
 
 
-def _closing_speeds(outcome: CaptureSummary) -> str:
+def _describe_closing_speeds(outcome: CaptureSummary) -> str:
     """Write how fast grippers moved against their grasps when they were to close."""
     _, _, v, omega = outcome.missed_by
     return f"{format_number(1e3 * v)} mm/s, {format_number(math.degrees(omega))} deg/s"
 
 
-def _margin(summary: Summary, kind: str) -> str:
+def _describe_margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
     limits = (limit for limit in summary.limits if limit.kind == kind)
     return next(
@@ -114,16 +118,16 @@ def _margin(summary: Summary, kind: str) -> str:
     )
 
 
-def _closing_error(outcome: CaptureSummary) -> str:
+def _describe_closing_error(outcome: CaptureSummary) -> str:
     """Write by how much grippers were apart from their grasps when they were to close."""
     r, phi, *_ = outcome.missed_by
     if math.isnan(r):
         return ""
-    apart = f"{format_number(1e3 * r)} mm, {format_number(math.degrees(phi))} deg, {_closing_speeds(outcome)}"
+    apart = f"{format_number(1e3 * r)} mm, {format_number(math.degrees(phi))} deg, {_describe_closing_speeds(outcome)}"
     return apart if math.isfinite(outcome.closed_at) else f"{apart}: outside their envelope"
 
 
-def _loads(outcome: CaptureSummary) -> str:
+def _describe_loads(outcome: CaptureSummary) -> str:
     """Write the largest loads on a grasp."""
     return ", ".join(f"{load} {format_number(outcome.loads[load])} {unit}" for load, unit in GRASP_LOADS.items())
 
@@ -142,7 +146,7 @@ NO_LIMITS = "limits of forces and accelerations: none declared: nothing bounds t
 """Remark on runs of a task that declares none."""
 
 
-def _peaks(summary: Summary, *names: str) -> str:
+def _describe_peaks(summary: Summary, *names: str) -> str:
     """Write peaks of one row; nothing where they are not known, or all 0, those of a base without thrusters."""
     values = [summary.peaks[name] for name in names]
     if not (all(map(math.isfinite, values)) and any(values)):
@@ -160,13 +164,13 @@ def describe_tightest_force(summary: Summary) -> str:
     )
 
 
-def _condition(summary: Summary) -> str:
+def _describe_condition(summary: Summary) -> str:
     """Write the largest condition number of J_C under the law in task space, and when."""
     largest = summary.largest_condition
     return "" if largest is None else f"{format_number(largest.value)} at {format_number(largest.time, 0.1)} s"
 
 
-def _thrusters(summary: Summary) -> str:
+def _describe_thrusters(summary: Summary) -> str:
     """Write how often thrusters fired, their impulse and the propellant that they used."""
     fired = summary.thrusters
     if fired is None:
@@ -175,7 +179,7 @@ def _thrusters(summary: Summary) -> str:
     return f"{format_number(fired.impulse)} N s in {counted(fired.firings, 'firing', 'firings')}{propellant}"
 
 
-def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
+def _describe_impulse(summary: Summary, kind: str) -> str:
     """Write what thrusters `owed` or `refused` of the impulse that was wanted of them."""
     if summary.thrusters is None:
         return ""
@@ -183,7 +187,7 @@ def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
     return f"{format_number(force)} N s, {format_number(torque)} N m s"
 
 
-def _shut(summary: Summary) -> str:
+def _describe_shut_thrusters(summary: Summary) -> str:
     """Write which thrusters were shut because of their plumes, and for how long."""
     if summary.thrusters is None or summary.thrusters.shut is None:
         return ""
@@ -191,7 +195,7 @@ def _shut(summary: Summary) -> str:
     return ", ".join(of_each) or "none"
 
 
-def _floating(summary: Summary) -> str:
+def _describe_floating(summary: Summary) -> str:
     """Write by how much momentum and base changed in the stages in which nothing pushed the base."""
     return "; ".join(
         f"{stage.name}: {format_number(stage.linear, 1e-4)} N s, {format_number(stage.angular, 1e-4)} N m s, "
@@ -200,7 +204,7 @@ def _floating(summary: Summary) -> str:
     )
 
 
-def _of_wheels(largest: Largest | None) -> str:
+def _describe_wheels(largest: Largest | None) -> str:
     """Write what part of its limit a wheel came to, and when."""
     return (
         ""
@@ -209,7 +213,7 @@ def _of_wheels(largest: Largest | None) -> str:
     )
 
 
-def _returns(returned_at: Sequence[float]) -> str:
+def _describe_returns(returned_at: Sequence[float]) -> str:
     """Write how often and when the sequence returned to an earlier stage to try again."""
     if not returned_at:
         return ""
@@ -217,7 +221,7 @@ def _returns(returned_at: Sequence[float]) -> str:
     return f"{counted(len(returned_at), 'time', 'times')}: at {times}"
 
 
-def _nearest(parts: NearestParts) -> str:
+def _describe_nearest(parts: NearestParts) -> str:
     """Write how near two parts came to each other, when, and how far that is from what the task keeps."""
     return (
         f"{parts.pair}: {format_number(1e3 * parts.distance, 0.1)} mm at {format_number(parts.time, 0.1)} s, "
@@ -225,18 +229,18 @@ def _nearest(parts: NearestParts) -> str:
     )
 
 
-def _smallest_distance(summary: Summary) -> str:
+def _describe_smallest_distance(summary: Summary) -> str:
     """Write which two parts that keep clear came nearest to each other."""
-    return "" if summary.clearance is None else _nearest(summary.clearance.nearest)
+    return "" if summary.clearance is None else _describe_nearest(summary.clearance.nearest)
 
 
-def _smallest_margin(summary: Summary) -> str:
+def _describe_smallest_margin(summary: Summary) -> str:
     """Write which two parts came nearest to their margin, or farthest inside it, where it is not the nearest two."""
     clearance = summary.clearance
-    return "" if clearance is None or clearance.tightest == clearance.nearest else _nearest(clearance.tightest)
+    return "" if clearance is None or clearance.tightest == clearance.nearest else _describe_nearest(clearance.tightest)
 
 
-def _departure(outcome: CaptureSummary) -> str:
+def _describe_departure(outcome: CaptureSummary) -> str:
     """Write when and how an object left the grippers, or is held at the end, and how far from its destination."""
     has_left = math.isfinite(outcome.left_at)
     has_distance = math.isfinite(outcome.distance)
@@ -249,7 +253,7 @@ def _departure(outcome: CaptureSummary) -> str:
     return f"{how}, {where}at {format_number(1e3 * outcome.speed)} mm/s"
 
 
-def _end_errors(summary: Summary) -> str:
+def _describe_end_errors(summary: Summary) -> str:
     """Write the last stage's end errors over tolerance, of the state that was seen and of the true one."""
     if summary.end_errors is None:
         return ""
@@ -279,14 +283,14 @@ class Measure:
 
     Attributes:
         label: What is measured.
-        of: Reads it; a comparison shows the differences of numbers, and a text has its units.
-        unit: Of a number, or of those in the text.
-        shown: Where it is shown.
-        resolution: Of a number, as for `number`.
+        read: Reads it from a summary, as a number or a text; a comparison shows differences of numbers.
+        unit: Unit of the number, or of the numbers in the text.
+        shown: Where it is shown besides the whole summary.
+        resolution: Resolution to which a number is written, as for `format_number`.
     """
 
     label: str
-    of: Callable[[Summary], float | str]
+    read: Callable[[Summary], float | str]
     unit: str = ""
     shown: Shown = Shown.COMPARED
     resolution: float = 0.0
@@ -298,7 +302,7 @@ class Measure:
 
     def text(self, summary: Summary) -> str:
         """Write what was measured of a run, with its unit."""
-        value = self.of(summary)
+        value = self.read(summary)
         return with_unit(value if isinstance(value, str) else format_number(value, self.resolution), self.unit)
 
 
@@ -308,62 +312,67 @@ LEVELS_RAISED = "levels whose cost later ones raised beyond the tolerance"
 
 MEASURES: tuple[Measure, ...] = (
     Measure("end of the run", lambda run: run.reason, shown=Shown.NOWHERE),
-    Measure("solve time, median / p95 / p99 / max", lambda run: _solves(run.solves), "ms", BOTH),
-    Measure("the same, windows with a switch", lambda run: _solves(run.switching_solves), "ms"),
+    Measure("solve time, median / p95 / p99 / max", lambda run: _describe_solve_times(run.solves), "ms", BOTH),
+    Measure("the same, windows with a switch", lambda run: _describe_solve_times(run.switching_solves), "ms"),
     Measure("solver and plant", lambda run: "compiled code" if run.compiled else "interpreted", shown=Shown.NOWHERE),
     Measure("solves", lambda run: run.solves.count),
     Measure("iterations of a solve, median", lambda run: run.solves.iterations, resolution=0.5),
     Measure("solves longer than a sample", lambda run: run.missed),
     Measure("failed solves", lambda run: run.failed_solves),
     Measure("samples not measured", lambda run: run.unmeasured or math.nan),
-    Measure("delay of commands, at the end", _delay, "ms", BOTH),
-    Measure("estimated mass of the load", _load, "kg", BOTH),
+    Measure("delay of commands, at the end", _describe_delay, "ms", BOTH),
+    Measure("estimated mass of the load", _describe_load, "kg", BOTH),
     Measure("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels),
     Measure("largest rise of a level's cost by later levels", lambda run: 100 * run.level_rise, "%", resolution=1e-3),
     Measure(LEVELS_RAISED, lambda run: math.nan if run.raised_levels is None else run.raised_levels),
     Measure("stages appended", lambda run: run.appended),
     Measure("stages postponed", lambda run: run.postponed),
     Measure("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins),
-    Measure("tightest position margin, of the limit", lambda run: _margin(run, "position")),
-    Measure("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity")),
+    Measure("tightest position margin, of the limit", lambda run: _describe_margin(run, "position")),
+    Measure("tightest velocity margin, of the limit", lambda run: _describe_margin(run, "velocity")),
     Measure("largest commanded force, of its limit", describe_tightest_force, shown=BOTH),
     Measure("forces cut at their limits", lambda run: 100 * run.saturated, "% of the time", resolution=0.1),
     Measure(FORCES_FAR_BEYOND, lambda run: 100 * run.far_beyond, "% of the time", resolution=0.1),
     Measure(
         "largest momentum of a wheel, of its limit",
-        lambda run: "" if run.wheels is None else _of_wheels(run.wheels.momentum),
+        lambda run: "" if run.wheels is None else _describe_wheels(run.wheels.momentum),
         shown=BOTH,
     ),
     Measure(
         "largest torque of a wheel's motor, of its limit",
-        lambda run: "" if run.wheels is None else _of_wheels(run.wheels.torque),
+        lambda run: "" if run.wheels is None else _describe_wheels(run.wheels.torque),
     ),
-    Measure("largest condition number of J_C", _condition, shown=BOTH),
-    Measure("smallest distance of parts, any tick", _smallest_distance, shown=BOTH),
-    Measure("smallest margin of clearance, any tick", _smallest_margin),
+    Measure("largest condition number of J_C", _describe_condition, shown=BOTH),
+    Measure("smallest distance of parts, any tick", _describe_smallest_distance, shown=BOTH),
+    Measure("smallest margin of clearance, any tick", _describe_smallest_margin),
     Measure(
-        "farthest beyond a limit, any tick", lambda run: " / ".join(_limit_violations(run)) or "none", "", Shown.NOWHERE
+        "farthest beyond a limit, any tick",
+        lambda run: " / ".join(_describe_limit_violations(run)) or "none",
+        "",
+        Shown.NOWHERE,
     ),
-    Measure("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), shown=Shown.NOWHERE),
-    Measure("end error over tolerance, at switches", lambda run: _largest(run.end_condition)),
-    Measure("end error over tolerance, at the end", _end_errors, shown=Shown.NOWHERE),
-    Measure("grasp tried again", lambda run: _returns(run.returned_at), shown=BOTH),
-    Measure("grippers from their grasps at closing", lambda run: _of_object(run, _closing_error)),
-    Measure("largest filtered loads on a grasp", lambda run: _of_object(run, _loads)),
-    Measure("object leaves the grippers", lambda run: _of_object(run, _departure), shown=BOTH),
+    Measure("farthest off the plan in a sample", lambda run: _describe_largest(*run.off_plan), shown=Shown.NOWHERE),
+    Measure("end error over tolerance, at switches", lambda run: _describe_largest(run.end_condition)),
+    Measure("end error over tolerance, at the end", _describe_end_errors, shown=Shown.NOWHERE),
+    Measure("grasp tried again", lambda run: _describe_returns(run.returned_at), shown=BOTH),
+    Measure("grippers from their grasps at closing", lambda run: _describe_object(run, _describe_closing_error)),
+    Measure("largest filtered loads on a grasp", lambda run: _describe_object(run, _describe_loads)),
+    Measure("object leaves the grippers", lambda run: _describe_object(run, _describe_departure), shown=BOTH),
     Measure("control effort, sum of T_s |dv/T_s|^2", lambda run: run.control_effort, EFFORT_UNITS, BOTH),
     Measure("integral of |u|^2", lambda run: run.squared_acceleration, EFFORT_UNITS),
-    Measure("largest force, torque of the base", lambda run: _peaks(run, "base_force", "base_torque"), shown=BOTH),
+    Measure(
+        "largest force, torque of the base", lambda run: _describe_peaks(run, "base_force", "base_torque"), shown=BOTH
+    ),
     Measure("largest torque of a joint", lambda run: run.peaks["joint_torque"], "N m"),
-    Measure("largest force, acceleration of a sliding joint", lambda run: _peaks(run, *SLIDING_PEAKS)),
-    Measure("largest accelerations", lambda run: _peaks(run, *ACCELERATIONS)),
+    Measure("largest force, acceleration of a sliding joint", lambda run: _describe_peaks(run, *SLIDING_PEAKS)),
+    Measure("largest accelerations", lambda run: _describe_peaks(run, *ACCELERATIONS)),
     Measure("base thrusters, force", lambda run: run.base_force or math.nan, "N s"),
     Measure("base thrusters, torque", lambda run: run.base_torque or math.nan, "N m s"),
-    Measure("thrusters, impulse", _thrusters, shown=BOTH),
-    Measure("thrusters shut because of plumes", _shut, shown=BOTH),
-    Measure("largest impulse wanted and not yet given", lambda run: _impulse_of_thrusters(run, "owed")),
-    Measure("impulse wanted that no thrusts can give", lambda run: _impulse_of_thrusters(run, "refused")),
-    Measure("changes of momentum, and of the base, where it floats", _floating, shown=BOTH),
+    Measure("thrusters, impulse", _describe_thrusters, shown=BOTH),
+    Measure("thrusters shut because of plumes", _describe_shut_thrusters, shown=BOTH),
+    Measure("largest impulse wanted and not yet given", lambda run: _describe_impulse(run, "owed")),
+    Measure("impulse wanted that no thrusts can give", lambda run: _describe_impulse(run, "refused")),
+    Measure("changes of momentum, and of the base, where it floats", _describe_floating, shown=BOTH),
     Measure("variation of u, base position", lambda run: run.variation_base_position, "m/s^2"),
     Measure("variation of u, base angle", lambda run: run.variation_base_angle, "rad/s^2"),
     Measure("variation of u, joints", lambda run: run.variation_joints, "rad/s^2"),
@@ -382,17 +391,27 @@ def filled_columns(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> tu
 
 
 def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
-    """Build the table of a run's stages: when each started and ended, beside published times.
+    """Build the table of a run's stages: when each started and ended, beside the times that the paper publishes.
 
-    Where the sequence returned to an earlier stage, each row says which try its times are of.
+    A run may return to an earlier stage to try again, for instance when a grasp was lost. Then each row says which try
+    of the stage its times are of.
 
     Args:
         summary: Summary of the run.
 
     Returns:
-        Headings, and a row for each stage.
+        The headings, and a row of texts for each stage. A text is empty where nothing is known.
     """
-    headings = ("stage", "try", "priority", "actual start [s]", "published start [s]", "ends [s]", "published end [s]")
+    headings = (
+        "stage",
+        "try",
+        "priority",
+        "actual start [s]",
+        "published start [s]",
+        "ends [s]",
+        "published end [s]",
+        "grippers apart [m]",
+    )
     tried_again = bool(summary.returned_at)
     rows: list[Row] = [
         (
@@ -407,7 +426,7 @@ def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
         )
         for stage, distance in zip(summary.stages, summary.distances, strict=True)
     ]
-    return (*headings, "grippers apart [m]"), rows
+    return headings, rows
 
 
 def measure_rows(summary: Summary) -> Iterator[Row]:
@@ -440,7 +459,10 @@ def describe_mission(summary: Summary) -> str:
 
 
 def warnings_of(summary: Summary) -> Iterator[str]:
-    """Yield a sentence for everything in a run that needs attention, whether its mission succeeded or not.
+    """Yield a text for everything in a run that needs its user's attention, whether its mission succeeded or not.
+
+    They are broken monitors, exceeded limits and margins, late or failed solves, missing measurements, and stages
+    shorter than a sample.
 
     Args:
         summary: Summary of the run.
@@ -449,10 +471,10 @@ def warnings_of(summary: Summary) -> Iterator[str]:
         if verdict.is_judged and not verdict.held:
             yield f"monitor {verdict.name}: {describe_verdict(verdict)}"
     if summary.clearance is not None and summary.clearance.tightest.margin < 0:
-        yield f"a margin of clearance was not kept: {_nearest(summary.clearance.tightest)}"
-    # samples and ticks leave small violations, which need no warning
+        yield f"a margin of clearance was not kept: {_describe_nearest(summary.clearance.tightest)}"
+    # small violations between the times at which the optimization sees limits need no warning
     exceeded = {limit.kind for limit in summary.limits if limit.relative < -WARNED_OF}
-    for violation, text in zip(summary.beyond_limits, _limit_violations(summary), strict=True):
+    for violation, text in zip(summary.beyond_limits, _describe_limit_violations(summary), strict=True):
         quantity = "velocity" if violation.where.endswith(" velocity") else "position"
         if quantity in exceeded:
             yield f"a limit was exceeded: {text}"
@@ -476,7 +498,7 @@ def warnings_of(summary: Summary) -> Iterator[str]:
     if summary.near_singular:
         yield (
             f"{summary.near_singular} of {summary.solves.count} samples were too near a singular posture for the law "
-            f"in task space (condition number of J_C {_condition(summary)}): the law in joint space was used"
+            f"in task space (condition number of J_C {_describe_condition(summary)}): the law in joint space was used"
         )
     if summary.failed_solves:
         yield f"{summary.failed_solves} of {summary.solves.count} solves failed"
@@ -484,11 +506,11 @@ def warnings_of(summary: Summary) -> Iterator[str]:
         yield f"{summary.unsolved_levels} levels were not solved"
     if summary.raised_levels:
         yield f"{LEVELS_RAISED}: {summary.raised_levels}"
-    if brief := _brief_stages(summary):
+    if brief := _describe_brief_stages(summary):
         yield brief
 
 
-def _brief_stages(summary: Summary) -> str:
+def _describe_brief_stages(summary: Summary) -> str:
     """Name the stages that lasted less than a sample, which tables round to nothing; empty if there is none."""
     brief = [stage for stage in summary.stages if stage.duration < summary.sample_time - ROUNDING]
     lasted = ", ".join(f"stage {stage.name} lasted {format_number(1e3 * stage.duration)} ms" for stage in brief)

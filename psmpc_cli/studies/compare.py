@@ -27,13 +27,13 @@ CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 SAME_SAMPLE = 1e-6
 """Part of a sample by which two missions may differ beyond one and still count as equally soon: rounding."""
 
-VARIED = "controller.kind"
+VARIED_KEY = "controller.kind"
 """The key in which the tasks of a comparison differ."""
 
-ONE_STAGE = "controller.one_stage"
+ONE_STAGE_KEY = "controller.one_stage"
 """The key that says whether windows over one stage have its end."""
 
-OF_THE_METHOD = ("controller", "solver")
+METHOD_SECTIONS = ("controller", "solver")
 """Sections of a task that say how a controller works, not what it is asked for."""
 
 MAY_DIFFER = {"controller", "solver", BY_CONTROLLER}
@@ -48,23 +48,24 @@ def compare(
     force: bool = False,
     own_settings: bool = False,
 ) -> dict[str, Run]:
-    """Run a task under several controllers, to compare them on equal terms; see `compared_tasks`.
+    """Run a task under several controllers in parallel, by default on equal terms (see `compared_tasks`).
 
     Args:
         task: The task, its file or the name of a built-in one.
-        controllers: Their kinds.
-        path: File of all logs; None for none that stays.
-        jobs: Processes; by default one for each core.
+        controllers: Kinds of controllers, such as psmpc and smpc.
+        path: File into which the logs of all runs are written; None for no file.
+        jobs: Number of processes; by default one for each core.
         force: Whether an existing file is overwritten.
-        own_settings: Whether each controller has what the task's `by_controller` sets for it.
+        own_settings: Whether each controller has all that the task's `by_controller` sets for it, instead of equal
+            terms.
 
     Returns:
         The runs by controller.
 
     Raises:
         InputError: An argument is of another type, a controller is unknown, or the file exists or cannot be written.
-        SpecError: The task does not hold.
-        RunError: A process was killed each time.
+        SpecError: The task is not valid.
+        RunError: The process of a run was killed again and again.
     """
     wanted = 'a list of names such as ["psmpc", "smpc"]'
     if isinstance(controllers, str) or not isinstance(controllers, Sequence):
@@ -81,21 +82,23 @@ def compared_tasks(
 ) -> dict[str, Task]:
     """Build the tasks of a comparison: one task under each controller, by default on equal terms.
 
-    Equal terms are the same weights, tolerances and limits, and windows over one stage have its end condition, at a
-    free switch time. What the task says of `controller` and `solver`, for all or below `by_controller`, stays.
+    A task may set other values for a controller below its key `by_controller`. On equal terms only those of them count
+    that say how the controller works, in `controller` and `solver`; weights, tolerances and limits are the same for
+    all. Also, controllers that plan over one stage at a time have the stage's end condition in their windows, at a free
+    switch time.
 
     Args:
         task: The task, its file or the name of a built-in one.
-        controllers: Their kinds.
-        changes: Keys to change, each `path=value`.
-        own_settings: Whether each is as `psmpc simulate` runs it, with all of the task's `by_controller`.
+        controllers: Kinds of controllers, such as psmpc and smpc.
+        changes: Keys to change in the task, each `path=value`.
+        own_settings: Whether each task is as `psmpc simulate` runs it, with all of `by_controller`.
 
     Returns:
         The tasks by kind of controller.
 
     Raises:
-        InputError: A controller is unknown, or there is none; or the changes are of the controller itself.
-        SpecError: The task does not hold.
+        InputError: A controller is unknown, none is given, or the changes choose the controller themselves.
+        SpecError: The task is not valid.
     """
     all_kinds = get_args(ControllerSpec.model_fields["kind"].annotation)
     kinds = dict.fromkeys(controllers)
@@ -104,27 +107,30 @@ def compared_tasks(
         raise InputError(
             f"--controllers: found '{unknown}', expected one or more of {', '.join(all_kinds)} between commas"
         )
-    if any(change.partition("=")[0].strip() == VARIED for change in changes):
-        raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
+    if any(change.partition("=")[0].strip() == VARIED_KEY for change in changes):
+        raise InputError(f"--set {VARIED_KEY}: a comparison varies it; choose with --controllers")
     documents = documents_of(with_changes(task, changes))
     if own_settings:
-        return {name: documents.changed({VARIED: name}) for name in kinds}
-    return {name: _on_equal_terms(documents, name) for name in kinds}
+        return {name: documents.changed({VARIED_KEY: name}) for name in kinds}
+    return {name: _task_on_equal_terms(documents, name) for name in kinds}
 
 
-def _on_equal_terms(documents: TaskDocuments, kind: str) -> Task:
-    """Build a task under a controller without what `by_controller` asks of it otherwise than of others."""
+def _task_on_equal_terms(documents: TaskDocuments, kind: str) -> Task:
+    """Build a task under a kind of controller, on the equal terms that `compared_tasks` describes."""
     own = mapping(documents.task.value((BY_CONTROLLER,)))
-    methods = {name: {key: keys[key] for key in keys if _is_of_the_method(key)} for name, keys in own.items()}
-    changes = {BY_CONTROLLER: methods, VARIED: kind}
+    methods = {name: {key: keys[key] for key in keys if _is_key_of_method(key)} for name, keys in own.items()}
+    changes = {BY_CONTROLLER: methods, VARIED_KEY: kind}
     task = documents.changed(changes)
     controller = task.spec.controller
     says_end = "one_stage" in controller.model_fields_set
-    return task if says_end or not controller.traits.one_stage else documents.changed({**changes, ONE_STAGE: FREE_END})
+    return (
+        task if says_end or not controller.traits.one_stage else documents.changed({**changes, ONE_STAGE_KEY: FREE_END})
+    )
 
 
-def _is_of_the_method(key: str) -> bool:
-    return re.split(r"[.\[]", key)[0].strip() in OF_THE_METHOD
+def _is_key_of_method(key: str) -> bool:
+    """Tell whether a key of a task says how a controller works, not what it is asked for."""
+    return re.split(r"[.\[]", key)[0].strip() in METHOD_SECTIONS
 
 
 def describe_terms(runs: Mapping[str, Run]) -> str:
@@ -150,28 +156,28 @@ def run_tasks(
     force: bool = False,
     watch: Watch = lambda progress: None,
 ) -> dict[str, Run]:
-    """Run every task in a process of its own, many at a time, and return the runs by name.
+    """Run the tasks of a comparison, each in a process of its own and several at a time; return the runs by name.
 
     Args:
         tasks: The tasks by name.
-        path: File of all logs, written whole or not at all; None for none.
-        jobs: Processes; by default one for each core.
+        path: File into which the logs of all runs are written together once all have ended; None for no file.
+        jobs: Number of processes; by default one for each core.
         force: Whether an existing file is overwritten.
         watch: Called with the progress, as by `compute_all`.
 
     Raises:
         InputError: The file exists already or cannot be written.
-        RunError: A process was killed each time.
+        RunError: The process of a run was killed again and again.
     """
     if path is not None:
-        check_output(path, force)
-    runs = compute_all(_run, tasks, jobs, watch)
+        check_output(path, force)  # before the runs, which take long
+    runs = compute_all(_simulate_quietly, tasks, jobs, watch)
     if path is not None:
         save_comparison(runs, path, force)
     return runs
 
 
-def _run(task: Task) -> Run:
+def _simulate_quietly(task: Task) -> Run:
     """Run a task in a process of its own; its warnings are counted in its log."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
     return simulate(task)
@@ -185,15 +191,15 @@ class Recommended(NamedTuple):
 
 
 def recommend_controller(summaries: Mapping[str, Summary]) -> Recommended:
-    """Recommend the controller whose mission succeeds first, and with the least effort of those as fast.
+    """Recommend the controller whose mission succeeds first; of those as fast, the one with the least control effort.
 
-    Runs that end within a sample of the first one count as equally fast.
+    Runs that end within a sample of the fastest count as equally fast.
 
     Args:
         summaries: Summaries of the runs by controller.
 
     Returns:
-        The recommended one and the reason; none where no mission succeeded.
+        The name of the recommended controller and the reason as a sentence. The name is None if no mission succeeded.
     """
     succeeded = {name: summary for name, summary in summaries.items() if summary.ended and summary.succeeded}
     if not succeeded:

@@ -20,46 +20,51 @@ class FrontMovement:
     """How the fronts of a study's weighted sums move, the switch time held at the run's optimum.
 
     Attributes:
-        instants: Sampling instants [s].
-        against: The largest step of each front against the upper left, as the ratio grows, over its extent.
-        moves: Whether the optimum moves at all between the smallest and the largest ratio, in both costs.
-        moving: Number of samples at which it moves to the upper left, and never back, as the ratio grows.
-        steps: By measure, the mean change of J_1 and J_2 over the points of equal ratio from sample to sample (S, 2);
-            NaN if no ratio has a point at both.
-        with_time: Whether the front moves to the upper left from every sample to the next, in normalized costs.
+        instants: Times of the S + 1 samples [s].
+        steps_back: For each sample the largest step of the optimum away from the upper left as the ratio grows, as a
+            part of what the front spans; 0 if it never steps back.
+        moves_at: For each sample whether both costs differ at all between the points of the front.
+        n_moving: Number of samples at which the optimum moves to the upper left, and never back, as the ratio grows.
+        steps: For each measure in `MEASURES` the mean change of J_1 and J_2 from each sample to the next (S, 2), over
+            the points of equal ratio; NaN if no ratio has a point at both samples.
+        moves_over_time: Whether the front moves to the upper left from every sample to the next, in normalized costs.
         parts: The two stages' parts of the horizon at each sample (S + 1, 2) [s].
     """
 
     def __init__(self, results: Results) -> None:
         """Measure in which direction the optima of weighted sums move as the ratio of weights grows and time passes.
 
-        The paper says that both move them to the upper left of the figure: J_1, drawn upwards, rises and J_2 falls.
+        A front is the optima min omega_1 J_1 + omega_2 J_2 at one sample, for rising ratios omega_2 / omega_1. The
+        paper says that the optima move to the upper left of the figure both as the ratio grows and from one sample to
+        the next: J_1, drawn upwards, rises and J_2 falls.
 
         Args:
             results: A Pareto study, with fronts at S + 1 samples.
         """
         instants = results["instant"]
-        J = front_points(results, WEIGHTED)[0][:, 0]  # J_1 and J_2 by sample and ratio (S + 1, ratios, 2)
+        points, _ = front_points(results, WEIGHTED)
+        J = points[:, 0]  # J_1 and J_2 with the switch time of the run, by sample and ratio (S + 1, ratios, 2)
         first_part = results["t_s"] - instants
         horizon = float(np.asarray(results.attributes["horizon"]))
         self.instants: list[float] = instants.tolist()
         self.parts = np.column_stack([first_part, horizon - first_part])
 
-        # as the ratio grows: positive are steps back, in which J_1 falls or J_2 rises, over the extent of the front
+        # as the ratio grows: steps from point to point over what the front spans, with signs so that J_1 falling and
+        # J_2 rising, the steps back, are positive
         relative = J / np.array([extents(front) for front in J])[:, None, :]
         fronts = [front[np.isfinite(front).all(axis=1)] for front in relative]
         backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in fronts]
-        self.against = [float(np.max(steps, initial=0.0)) for steps in backward]
-        self.moves = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in fronts]
-        movement_by_sample = zip(self.moves, self.against, strict=True)
-        self.moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in movement_by_sample)
+        self.steps_back = [float(np.max(steps, initial=0.0)) for steps in backward]
+        self.moves_at = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in fronts]
+        movement_by_sample = zip(self.moves_at, self.steps_back, strict=True)
+        self.n_moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in movement_by_sample)
 
         # from sample to sample: mean step of the points with the same ratio
         lows = np.nanmin(relative, axis=1, keepdims=True, initial=np.inf)
         scaled_costs = {"normalized": J, "per second": J / self.parts[:, None, :], "own extent": relative - lows}
         changes = {name: np.ma.masked_invalid(np.diff(values, axis=0)) for name, values in scaled_costs.items()}
         self.steps = {name: change.mean(axis=1).filled(np.nan) for name, change in changes.items()}
-        self.with_time = all(direction(step) == "upper left" for step in self.steps["normalized"])
+        self.moves_over_time = all(direction(step) == "upper left" for step in self.steps["normalized"])
 
     def directions(self, measure: str = "normalized") -> str:
         """Return where the front moves from sample to sample, and how often, such as upper left (4 of 4)."""
@@ -70,8 +75,8 @@ class FrontMovement:
     def over_ratio(self) -> str:
         """The movement as the ratio grows, as a sentence."""
         return (
-            f"with growing omega_2/omega_1 the optimum moves to the upper left at {self.moving} of {len(self.against)} "
-            f"samples (largest step back {max(self.against):.1g} of a front)"
+            f"with growing omega_2/omega_1 the optimum moves to the upper left at {self.n_moving} of "
+            f"{len(self.steps_back)} samples (largest step back {max(self.steps_back):.1g} of a front)"
         )
 
     @property

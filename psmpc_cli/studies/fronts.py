@@ -50,18 +50,20 @@ NOTE = (
 
 
 def read_fronts(path: Path) -> Results:
-    """Read the results of a Pareto study, and check that they have all arrays of every method that was used.
+    """Read the results of a Pareto study, and check that they have all arrays that the functions of this module read.
 
     Args:
         path: The file.
 
     Raises:
-        LogError: As for `read_results`; or they are not those of such a study.
+        LogError: The file cannot be read as for `read_results`, is not of a Pareto study, or lacks an array of a method
+            by which it has fronts.
     """
     results = read_results(path, PARETO)
     names_by_instant = ("instant", "t_s", "chosen_ratio", "chosen_J_1", "chosen_J_2", "hypervolume")
     check_columns(results, [Column(name, "1", name) for name in names_by_instant], ("instant",))
     check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
+    # with `later`, fronts were computed for several switch times and for a free one
     has_free_instant = "later" in results.quantities
     methods = [method for method in (WEIGHTED, CONSTRAINED) if f"{method}_status" in results.quantities]
     missing: list[str] = []
@@ -109,10 +111,12 @@ def hypervolume(points: Vector, reference: Vector) -> float:
 
 
 def front_rows(results: Results) -> list[dict[str, float | int]]:
-    """Return one row of a table for each sample of a Pareto study, by the names in `COLUMNS`.
+    """Return the table of a Pareto study: a row for each sample at which fronts were computed.
 
-    `t_s`, `ratio`, `J_1` and `J_2` are those of the run itself. `points` counts all points of the fronts, `dominated`
-    those that another one dominates, `failed` those without optimum.
+    Returns:
+        Rows with the keys of `COLUMNS`. `instant` is the time of the sample. `t_s`, `ratio`, `J_1` and `J_2` are those
+        of the run's own optimum there. `points` counts the points of all fronts, `dominated` those of them that another
+        point dominates, and `failed` those for which no optimum was found.
     """
     methods = [method for method in (WEIGHTED, CONSTRAINED, FREE) if f"{method}_status" in results.quantities]
     rows = []

@@ -65,7 +65,7 @@ def monte_carlo(
     """Run a task many times, each with a seed of its own: the task's plus the number of the run.
 
     Args:
-        task: The task, its file or the name of a built-in one; with an uncertainty.
+        task: The task, its file or the name of a built-in one. Something below its key `uncertainty` is random.
         runs: How many runs; a resumed study may have more than before.
         path: File of the results; None for none that stays.
         jobs: Processes on this machine; by default one for each core.
@@ -74,10 +74,13 @@ def monte_carlo(
         resume: Whether the cells that wait in an existing file are computed; those that failed are computed again.
         watch: Called with the progress at the beginning and after every run.
 
+    Returns:
+        The runs, with what was measured of each.
+
     Raises:
-        InputError: An argument is of another type, nothing of the task is random, or its seed leaves no room for
-            others; or as for `run_study`.
-        SpecError: The task does not hold.
+        InputError: An argument is of another type, nothing of the task is random, its seed is too large for others to
+            follow, or as for `run_study`.
+        SpecError: The task is not valid.
     """
     require_whole("runs", runs, least=1, most=MOST_CELLS)
     require_callable("watch", watch, "the progress")
@@ -87,16 +90,18 @@ def monte_carlo(
 
 
 def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[str, ...] = ()) -> Study:
-    """Build the study that runs a task many times, each with a seed of its own, and so with other random numbers.
+    """Describe the study that runs a task many times with other random numbers; `run_study` then computes it.
+
+    The runs differ in their seeds alone: those of the task's own and the numbers that follow it.
 
     Args:
         reference: The task, its file or the name of a built-in one.
-        runs: Number of runs; their seeds follow the task's.
+        runs: Number of runs.
         changes: Keys to change in the task, each `path=value`.
 
     Raises:
-        InputError: Nothing of it is random, or its seed leaves no room for others.
-        SpecError: The task does not hold.
+        InputError: Nothing of the task is random, or its seed is too large for others to follow.
+        SpecError: The task is not valid.
     """
     task = with_changes(reference, (*changes, *REDUCED_LOG))
     task_name = reference.spec.name if isinstance(reference, Task) else str(reference)
@@ -106,6 +111,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
             f"{task_name}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
             "inertia or centre_of_mass, or noise, such as --set uncertainty.mass=0.1"
         )
+    # of the command that repeats a run, which results name
     options = [word for change in changes for word in ("--set", change)]
     seeds = spec.seed + np.arange(runs)
     return Study(
@@ -191,12 +197,15 @@ class MonteCarloRuns:
         return limits is not None and bool((limits.values == 0).any())
 
     def spread(self) -> Iterator[tuple[str, Array]]:
-        """Yield what to show of the distribution over runs: quantities with labels and units for a reader.
+        """Yield the quantities whose distribution over the runs a table or a report shows.
+
+        Quantities that the study cannot have are left out, such as distances where no parts keep clear.
 
         Yields:
-            Label with unit, and the values of the runs that have one; the others are NaN in the results, and left out.
+            Pairs of a label with its unit, and the values of all runs that have one (at most one for each run).
         """
         by_label = {"mission ends, successful runs [s]": self.end_time}
+        # the first stage starts and the last one ends with the mission
         for number, stage in enumerate(self.stages):
             if number:
                 by_label[f"{stage} starts [s]"] = self["actual_start"][:, number]

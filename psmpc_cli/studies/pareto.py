@@ -44,7 +44,10 @@ BOUND_TOLERANCE = 1e-7
 """By how much a point may exceed a bound on J_2 and still stand for it, as a part of the bound."""
 
 LEAST_GAIN = 1e-6
-"""By how much another point has to serve a problem better before it is solved again from there."""
+"""By which part of its objective another point has to be better for a problem before it is solved again from there."""
+
+MOST_ROUNDS = 5
+"""Most rounds in which points of a front are solved again from others."""
 
 
 @dataclass(frozen=True)
@@ -84,20 +87,25 @@ def solve_pareto(
     force: bool = False,
     watch: Watch = lambda progress: None,
 ) -> Results:
-    """Compute Pareto fronts of the costs of two stages at samples of a run, in parallel, and write them into a file.
+    """Compute Pareto fronts of the costs of two stages at several samples of a run, and write them into a file.
+
+    The fronts show what other trade-offs between the stages than the run's own there would have been.
 
     Args:
-        run: A run with its plans.
-        settings: What is computed.
+        run: A run whose log has its plans.
+        settings: The stages, the samples, and how the fronts are computed.
         path: The file, written whole or not at all.
-        jobs: Processes; by default one for each core.
-        force: Overwrite the file.
+        jobs: Number of processes, each of which computes the fronts of a sample; by default one for each core.
+        force: Whether an existing file is overwritten.
         watch: Called with the progress, as by `compute_all`.
+
+    Returns:
+        The results, which are also in the file.
 
     Raises:
         InputError: The settings do not fit the run, or the file exists already or cannot be written.
         LogError: The run has no plans.
-        RunError: Processes are ended from outside again and again.
+        RunError: A process was killed again and again.
     """
     if not run.has_plans:
         raise LogError(f"{run.path}: holds no plans; expected a log of a task with log: {{plans: true}}")
@@ -127,14 +135,17 @@ def possible_samples(log: Run, stages: tuple[int, int]) -> Vector:
 
 
 def choose_samples(log: Run, stages: tuple[int, int], at: Sequence[float]) -> list[int]:
-    """Choose the samples whose fronts are computed: those at given times, or else some spread evenly over the run.
+    """Choose the samples of a run whose fronts are computed: those at given times, or else `SAMPLES` spread evenly.
 
-    Only samples whose window holds exactly the two stages are possible.
+    Only samples are possible whose window, the stages that the controller plans over, is exactly the two stages.
 
     Args:
         log: The run.
         stages: Indices of the two stages.
-        at: Times [s]; empty to choose evenly.
+        at: Times [s]; empty to choose evenly among the possible samples.
+
+    Returns:
+        Numbers of the samples in the run, each once.
 
     Raises:
         InputError: There is no possible sample, or none at a given time.
@@ -176,18 +187,20 @@ class TradeOff:
         self._bounded = NlpSolver(problem, spec.model_copy(update={"kind": "ipopt"}))
 
     def solve(self, problem: Window, neighbour: Solution, wait: float | None) -> Solution:
-        """Solve one trade-off between the two costs, started from the point of another one.
+        """Solve a window for one trade-off between its two costs, started from the solution of a similar problem.
 
         Args:
-            problem: The window with weights of both costs, or with a bound on J_2.
-            neighbour: The point of a similar problem.
-            wait: Held instant t_s - T0 [s]; None where it is free.
+            problem: The window with weights of both costs, or with a bound on the cost J_2.
+            neighbour: The solution of the similar problem.
+            wait: How long after the present time T0 the switch time t_s between the stages is held [s]; None to leave
+                it free.
 
         Returns:
-            The point. Where there is no optimum, costs and objective are NaN and the plan is the neighbour's.
+            The solution. If none was found, its costs and objective are NaN and its plan is that of the neighbour, so
+            that it can be the start of the next problem.
         """
         guess = neighbour.plan
-        within = np.inf  # how far the solver may move the instant [s]
+        within = np.inf  # how far the solver may move the switch time [s]
         if wait is not None:
             guess = replace(guess, switch_times=np.array([problem.start + wait]))
             within = 0.0
@@ -204,7 +217,7 @@ def weighted_sum(window: Window, ratio: float) -> Window:
     return replace(window, omega=np.array([min(1.0, 1.0 / ratio), min(1.0, ratio)]))
 
 
-def constrained(window: Window, bound: float) -> Window:
+def epsilon_constraint(window: Window, bound: float) -> Window:
     """Return the epsilon-constraint problem: min J_1 subject to J_2 <= bound."""
     return replace(window, omega=np.array([1.0, 0.0]), cost_bound=bound)
 
@@ -214,32 +227,34 @@ def point_costs(points: Sequence[Solution]) -> Vector:
     return np.array([point.costs + np.array([0.0, point.terminal]) for point in points]).reshape(-1, 2)
 
 
-def _waits(points: Sequence[Solution]) -> Vector:
+def _waits_until_switch(points: Sequence[Solution]) -> Vector:
     """Return t_s - T0 of points (P,) [s]."""
     waits = [point.plan.switch_times[0] - point.window.start for point in points]
     return np.where(np.isnan(point_costs(points)[:, 0]), np.nan, waits)
 
 
-def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
-    """Return what a problem makes of points (P,), whatever they were found for; infinite where it is not allowed.
+def objective_values(problem: Window, points: Sequence[Solution]) -> Vector:
+    """Compute the objective of a problem at points (P,) that were found for it or for other problems of one window.
 
-    All points of a window share one feasible set, so each is a candidate for every problem.
+    The problems of a window share one feasible set but for bounds on J_2, so each point is a candidate for every
+    problem. The objective is infinite at points without an optimum and at those beyond the problem's bound.
     """
     J = point_costs(points)
-    values = J @ problem.omega + problem.pending_cost * _waits(points)
+    values = J @ problem.omega + problem.pending_cost * _waits_until_switch(points)
     return np.where(J[:, 1] <= problem.cost_bound * (1 + BOUND_TOLERANCE), np.nan_to_num(values, nan=np.inf), np.inf)
 
 
 def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]:
     """Compute the fronts at one sample of a run, in a process of its own.
 
-    The switching instant t_s is held where the run optimized it (T0 + wait) or later, or left free.
+    There is a front with the switch time t_s held where the run has optimized it. If the switch time is a criterion of
+    its own (`settings.free`), there are also fronts with it held later, and one with it free.
 
     Args:
         cell: The task, the settings, and the run's solve at the sample.
 
     Returns:
-        Arrays of the fronts, and what the run itself chose.
+        Named arrays for the results file: of the fronts, and of what the run itself chose at the sample.
     """
     task, settings, logged = cell
     problem = build_problem(converging(task))
@@ -250,14 +265,16 @@ def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window = solve.window
     instant = float(solve.plan.switch_times[0])
-    wait = instant - window.start
+    wait = instant - window.start  # from the present time T0 until the switch [s]
+    # the last stage keeps the shortest length that a stage may have
     waits = wait + settings.delays * max(window.horizon - SHORTEST - wait, 0.0)
-    fronts_by_wait = [_sweep(trade_off, solve, settings, float(held_wait)) for held_wait in waits]
-    points = fronts_by_wait[0][0]
+    fronts_by_wait = [_front_at_switch_time(trade_off, solve, settings, float(held_wait)) for held_wait in waits]
+    points, _ = fronts_by_wait[0]
     if settings.free:
-        fronts_by_wait.append(_sweep(trade_off, solve, settings, None))
+        fronts_by_wait.append(_front_at_switch_time(trade_off, solve, settings, None))
+        # the held fronts become one array with their switch times along `later`
         *points_by_wait, free_points = (quantities for quantities, _ in fronts_by_wait)
-        points = [*_stacked("later", points_by_wait), *free_points]
+        points = [*_stacked_along("later", points_by_wait), *free_points]
     J_1, J_2 = trade_off.solver.costs(window, solve.plan)
     ratio = window.omega[1] / window.omega[0]
     solved_again = sum(count for _, count in fronts_by_wait)
@@ -275,7 +292,7 @@ def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]
     ]
 
 
-def _stacked(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
+def _stacked_along(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
     """Return arrays along a further dimension, made of those that every cell has in the same order."""
     return [
         replace(alike[0], dims=(dim, *alike[0].dims), values=np.array([each.values for each in alike]))
@@ -283,92 +300,105 @@ def _stacked(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
     ]
 
 
-def _sweep(
+def _front_at_switch_time(
     trade_off: TradeOff, solve: Solution, settings: ParetoSettings, wait: float | None
 ) -> tuple[list[Quantity], int]:
-    """Compute the front of one sample by weighted sums and epsilon constraints, at one switching instant.
+    """Compute the front of one sample by weighted sums and epsilon constraints, with one switch time or a free one.
 
-    Each problem is solved from its neighbour's point, as they differ little: weighted sums from the run's own ratio of
-    weights to both ends; epsilon constraints (J_1 with a bound on J_2), between what the first and the last ratio lead
-    to, from the point of largest J_2 downwards.
+    A point of the front is the optimum of one problem: min J_1 + ratio J_2, a weighted sum, or min J_1 with a bound on
+    J_2, an epsilon constraint. Each problem is started from the optimum of its neighbour, which differs little.
+    Weighted sums begin at the ratio nearest to the run's own and go outwards from there. The bounds of epsilon
+    constraints go from the J_2 of the smallest ratio, the largest bound, to that of the largest ratio.
 
     Args:
         trade_off: Solves the problems.
-        solve: The run's solve at the sample.
+        solve: The run's solve at the sample, from which the first problem is started.
         settings: Methods and number of points.
-        wait: Held instant t_s - T0 [s]; None where it is free.
+        wait: Held switch time less present time, t_s - T0 [s]; None to leave the switch time free, for which weighted
+            sums alone are computed.
 
     Returns:
-        Arrays of the points, and how many points were solved again from another one.
+        Named arrays of the points, and how many points were solved again because they were only local optima.
     """
     window = solve.window
+    # the ends of the bounds need the sums with the smallest and the largest ratio, whatever the method
     keeps_weighted_sums = wait is None or settings.method != "epsilon-constraint"
     ratios = settings.ratios if keeps_weighted_sums else settings.ratios[[0, -1]]
     weighted_sums = [weighted_sum(window, ratio) for ratio in ratios]
     nearest_ratio = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
-    # outwards from the ratio nearest to the run's own, each from the one before
+    # upwards from the ratio nearest to the run's own, then downwards; the first one from the run's own solve
     solved: dict[int, Solution] = {}
     for k in (*range(nearest_ratio, len(weighted_sums)), *range(nearest_ratio - 1, -1, -1)):
-        solved[k] = trade_off.solve(weighted_sums[k], solved.get(k - 1 if k > nearest_ratio else k + 1, solve), wait)
-    points, solved_again = improved(trade_off, weighted_sums, [solved[k] for k in range(len(weighted_sums))], wait)
+        neighbour = solved.get(k - 1 if k > nearest_ratio else k + 1, solve)
+        solved[k] = trade_off.solve(weighted_sums[k], neighbour, wait)
+    points, solved_again = without_local_optima(
+        trade_off, weighted_sums, [solved[k] for k in range(len(weighted_sums))], wait
+    )
     if wait is None or settings.method == "weighted-sum":
-        return _arrays(FREE if wait is None else WEIGHTED, points), solved_again
-    # bounds on J_2 between those of the smallest and of the largest ratio
+        return _arrays_of_points(FREE if wait is None else WEIGHTED, points), solved_again
     J_2 = point_costs(points)[:, 1]
-    limits = [constrained(window, bound) for bound in np.linspace(J_2[0], J_2[-1], settings.points)]
+    bounded_problems = [epsilon_constraint(window, bound) for bound in np.linspace(J_2[0], J_2[-1], settings.points)]
     neighbour = points[int(np.argmax(np.nan_to_num(J_2, nan=-np.inf)))]
     constrained_points = []
-    for limit in limits:
-        constrained_points.append(trade_off.solve(limit, neighbour, wait))
+    for problem in bounded_problems:
+        constrained_points.append(trade_off.solve(problem, neighbour, wait))
         neighbour = constrained_points[-1] if constrained_points[-1].outcome.usable else neighbour
-    all_points, solved_again_later = improved(trade_off, weighted_sums + limits, points + constrained_points, wait)
-    weighted = _arrays(WEIGHTED, all_points[: len(weighted_sums)]) if keeps_weighted_sums else []
-    return [*weighted, *_arrays(CONSTRAINED, all_points[len(weighted_sums) :])], solved_again + solved_again_later
+    all_points, solved_again_later = without_local_optima(
+        trade_off, weighted_sums + bounded_problems, points + constrained_points, wait
+    )
+    arrays = _arrays_of_points(WEIGHTED, all_points[: len(weighted_sums)]) if keeps_weighted_sums else []
+    arrays += _arrays_of_points(CONSTRAINED, all_points[len(weighted_sums) :])
+    return arrays, solved_again + solved_again_later
 
 
-def improved(
+def without_local_optima(
     trade_off: TradeOff, problems: Sequence[Window], points: Sequence[Solution], wait: float | None
 ) -> tuple[list[Solution], int]:
-    """Solve points again that are only local optima, as another point of the front shows.
+    """Solve those points of a front again that are only local optima, as another point of the front shows.
 
-    All points of a window are feasible for each of its problems. So where another one has a better value, or a point is
-    missing, the problem is solved again from that one.
+    A point found for one problem of a window is a candidate for all others. So where it has a better objective than the
+    point of another problem, or that one was not found, this problem is solved again from there.
 
     Args:
         trade_off: Solves the problems.
         problems: The problem of each point.
-        points: Its solution.
-        wait: Held instant t_s - T0 [s]; None where it is free.
+        points: The solutions of the problems so far.
+        wait: Held switch time less present time, t_s - T0 [s]; None where it is free.
 
     Returns:
-        The points, and how many were solved again.
+        The improved points, and how often a point was replaced.
     """
     points = list(points)
     solved_again = 0
-    for _ in range(5):  # at most this often, as each may help another one
+    for _ in range(MOST_ROUNDS):  # a point that is replaced may help others in the next round
         improved_points = 0
         for i, problem in enumerate(problems):
-            values_of_points = values_of(problem, points)
+            values_of_points = objective_values(problem, points)
             best = int(np.argmin(values_of_points))
-            gains = values_of_points[best] + LEAST_GAIN * abs(values_of_points[best]) < values_of_points[i]
-            if not gains:
+            best_value = values_of_points[best]
+            is_better = best_value + LEAST_GAIN * abs(best_value) < values_of_points[i]
+            if not is_better:
                 continue
             candidate = trade_off.solve(problem, points[best], wait)
-            if values_of(problem, [candidate])[0] < values_of_points[i]:
+            if objective_values(problem, [candidate])[0] < values_of_points[i]:
                 points[i] = candidate
-                improved_points = improved_points + 1
+                improved_points += 1
         solved_again += improved_points
         if not improved_points:
             break
     return points, solved_again
 
 
-def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
-    """Arrange the points of one method as named arrays for the results file; NaN where there is no optimum.
+def _arrays_of_points(method: str, points: Sequence[Solution]) -> list[Quantity]:
+    """Arrange the points of one method as named arrays for the results file.
 
     Args:
         method: `WEIGHTED`, `CONSTRAINED` or `FREE`, with which the names begin.
         points: The solutions along the front.
+
+    Returns:
+        Costs, t_s - T0, objective and status of the points (P,); of epsilon constraints also the bounds on J_2 and the
+        ratios of weights with the same optima. Numbers are NaN where no optimum was found.
     """
     is_constrained = method == CONSTRAINED
     J_1, J_2 = point_costs(points).T
@@ -380,13 +410,14 @@ def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
     arrays = [
         Quantity(f"{method}_J_1", dims, J_1, "s", "normalized cost of the first stage"),
         Quantity(f"{method}_J_2", dims, J_2, "s", "normalized cost of the second stage"),
-        Quantity(f"{method}_wait", dims, _waits(points), "s", "t_s - T0"),
+        Quantity(f"{method}_wait", dims, _waits_until_switch(points), "s", "t_s - T0"),
         Quantity(
             f"{method}_objective", dims, np.array([solution.objective for solution in points]), "1", objective_name
         ),
         Quantity(f"{method}_status", dims, status, "1", "outcome of the solve", STATUS),
     ]
     if is_constrained:
+        # the multiplier of the bound is the weight of J_2, over that of J_1, with the same optimum
         bound_on_J_2, ratio = np.array(
             [(solution.window.cost_bound, solution.bound_multiplier) for solution in points]
         ).T
@@ -404,19 +435,21 @@ def join_samples(
     settings: ParetoSettings,
     cells: Sequence[Sequence[Quantity]],
 ) -> Results:
-    """Join the fronts of several samples into the results of the study, with dominated points and hypervolumes.
+    """Join the fronts of several samples into the results of the study, and judge their points.
 
-    A point is dominated if another one is no worse in all criteria and better in one. The hypervolume is what the front
-    dominates up to a reference point, a tenth of the extent beyond the worst values.
+    The criteria are the costs J_1 and J_2, and the switch time if it is one (`settings.free`). A point is dominated if
+    another point of its sample is no worse in all criteria and better in one. The hypervolume of a sample is the area
+    or volume that its points dominate up to a reference point. This is the same for all samples: the worst values of
+    all points and a tenth of what they span.
 
     Args:
-        path: The results file.
-        attributes: Attributes of the run.
+        path: The results file, for messages; it is not written here.
+        attributes: Attributes of the run, which the file will have.
         stages: Names of the two stages.
         settings: What was computed.
         cells: For each sample the arrays of `_solve_sample`.
     """
-    by_name = {quantity.name: quantity for quantity in _stacked("instant", cells)}
+    by_name = {quantity.name: quantity for quantity in _stacked_along("instant", cells)}
     criteria_names = ["J_1", "J_2", "wait"] if settings.free else ["J_1", "J_2"]
     fronts = {
         method: np.stack([by_name[f"{method}_{name}"].values for name in criteria_names], axis=-1)
@@ -431,6 +464,7 @@ def join_samples(
     reference = worst + 0.1 * extent
     volumes = [hypervolume(points, reference) for points in all_points]
     units = "s^3" if settings.free else "s^2"
+    # points of all methods compete with each other; what is found is then divided among the methods again
     ends_of_methods = np.cumsum([front[0, ..., 0].size for front in fronts.values()])[:-1]
     flags_by_method = np.split(np.array([dominated(points) for points in all_points], "i1"), ends_of_methods, axis=1)
     for method, flags in zip(fronts, flags_by_method, strict=True):

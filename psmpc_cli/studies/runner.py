@@ -98,7 +98,8 @@ class Study:
         statuses: What the codes of a cell's status mean.
         required_stage: Index of the stage without whose end a cell counts as failed; None if there is none.
         reference: Whether the unchanged task is run as well, to compare the cells with: `of_reference`.
-        origins: For each run the first one that is the same (runs,); by default all differ.
+        first_equal_runs: For each run the index of the first run with the same result, which is made for both (runs,);
+            None if all differ.
     """
 
     kind: str
@@ -112,7 +113,7 @@ class Study:
     statuses: tuple[str, ...] = ("waiting", "computed", "shared", "failed")
     required_stage: int | None = None
     reference: bool = False
-    origins: np.ndarray | None = None
+    first_equal_runs: np.ndarray | None = None
 
     @property
     def runs(self) -> list[tuple[str, ...]]:
@@ -120,15 +121,18 @@ class Study:
         return [*self.cells, ()] if self.reference else [*self.cells]
 
     def results(self, path: Path | None = None) -> Results:
-        """Build the results of the study before anything is computed, with every array in its final size.
+        """Build the results of the study before anything is computed: every array in its final size, without values.
+
+        Quantities along a dimension that the study does not have, such as monitors, are left out.
 
         Args:
-            path: The file that they will be written to.
+            path: The file that the results will be written to; None for results that stay in memory.
         """
         dim_sizes = {axis.name: len(axis.values) for axis in self.coordinates if axis.dims == (axis.name,)}
         arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
         measurable = [column for column in (*CELL_COLUMNS, *self.quantities) if {*column.dims} <= {*dim_sizes}]
         columns = [replace(column, dims=(*self.dims, *column.dims)) for column in measurable]
+        # quantities of the cells, then those of the reference run, which have no dimension of cells
         for column in (*columns, *(of_reference(measurable) if self.reference else ())):
             is_text = column.dtype == "text"
             shape = [dim_sizes[name] for name in column.dims]
@@ -162,19 +166,22 @@ def run_study(
     resume: bool = False,
     watch: Watch = lambda progress: None,
 ) -> Results:
-    """Compute all cells of a study in parallel: its task, run once with the changed keys of each cell.
+    """Compute all cells of a study in parallel: run its task once for each cell, with the keys that the cell changes.
 
     A cell whose run fails or whose process is killed is marked as failed; the others go on. The file is filled in cell
     by cell, so that a study that was stopped can be resumed.
 
     Args:
         study: The study.
-        path: File of the results; None for none that stays.
-        jobs: Processes on this machine; by default one for each core.
-        dask: Address of the scheduler of a Dask cluster to compute on.
+        path: File of the results; None for results in memory alone.
+        jobs: Number of processes on this machine; by default one for each core.
+        dask: Address of the scheduler of a Dask cluster to compute on instead.
         force: Whether an existing file is overwritten.
-        resume: Whether the cells that wait in an existing file are computed; those that failed are computed again.
+        resume: Whether to go on with the study in an existing file: its cells that wait or failed are computed.
         watch: Called with the progress at the beginning, after every run, and from time to time meanwhile.
+
+    Returns:
+        The results, which are also in the file.
 
     Raises:
         InputError: The file exists, cannot be written, is being filled in by another process or holds another study; or
@@ -183,7 +190,7 @@ def run_study(
     """
     require_plant(study.task.spec.plant)
     if dask is not None:
-        with _on_cluster(dask):
+        with _workers_on_cluster(dask):
             pass  # only to see that it can be reached, before a file is touched
     if path is None:
         return _compute_cells(study, study.results(), jobs, dask, None, watch)
@@ -192,7 +199,7 @@ def run_study(
     with FileLock(path) as lock:
         results = study.results(path)
         if resume:
-            results = _resumed(study, results)
+            results = _results_to_resume(study, results)
         else:
             results.create(force, lock)
         return _compute_cells(study, results, jobs, dask, lock, watch)
@@ -203,23 +210,24 @@ def _compute_cells(
 ) -> Results:
     """Compute the cells of a study that wait or failed, and enter what was measured as each run ends.
 
-    Cells with equal runs share one: `origins` says which. The reference, the unchanged task, is the run after the last
-    cell; its quantities have names of their own.
+    A run is made once for all cells with equal results, and counts as theirs: `study.first_equal_runs` says which these
+    are. The run after that of the last cell is the reference, the task without changes, if the study has one. Its
+    quantities have names that begin with `REFERENCE`.
 
     Args:
         study: The study.
         results: Its results so far, which are filled in and returned.
-        jobs: Processes on this machine.
-        dask: Address of a Dask cluster to use instead.
-        lock: Lock of the file, which is written after every run; None without a file.
+        jobs: Number of processes on this machine; None for one for each core.
+        dask: Address of the scheduler of a Dask cluster to use instead; None for this machine.
+        lock: Lock of the file of results, which is written after every run; None without a file.
         watch: Called with the progress.
     """
     cell_shape = results["status"].shape
     status = [*results["status"].flat, *([results[f"{REFERENCE}status"]] if study.reference else [])]
     time_before = float(results["wall_time"])
     runs = study.runs
-    origins = np.arange(len(runs)) if study.origins is None else study.origins
-    runs_to_make = np.unique(origins[np.isin(status, (WAITING, FAILED))])
+    first_equal_runs = np.arange(len(runs)) if study.first_equal_runs is None else study.first_equal_runs
+    runs_to_make = np.unique(first_equal_runs[np.isin(status, (WAITING, FAILED))])
     began_at = time.monotonic()
     work = Work("runs", len(runs_to_make), watch)
     run_cell = partial(_run_cell, documents_of(study.task), study.quantities, study.required_stage)
@@ -227,9 +235,10 @@ def _compute_cells(
         compute(run_cell, {int(cell): runs[cell] for cell in runs_to_make}, jobs, dask, work.wait)
     ) as results_of_runs:
         for origin, measured in results_of_runs:
+            # None if the run killed its process
             row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if measured is None else measured
             failed = row["status"] == FAILED
-            for cell in np.flatnonzero(origins == origin):
+            for cell in np.flatnonzero(first_equal_runs == origin):
                 code = row["status"] if failed or cell == origin else SHARED
                 is_cell = cell < len(study.cells)
                 index = np.unravel_index(cell, cell_shape) if is_cell else ()
@@ -245,9 +254,10 @@ def _compute_cells(
 def _run_cell(
     documents: TaskDocuments, quantities: Sequence[Column], required_stage: int | None, changes: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Run one cell of a study and measure the run; an error is a result as well, and ends nothing.
+    """Run one cell of a study, in the process of a worker, and measure the run.
 
-    A mission that fails is measured like any other; a run that does not end the required stage counts as failed.
+    An error in the run makes the cell fail but is not raised, so that the study goes on. A mission that does not
+    succeed is measured like any other. A run that does not end the required stage is measured and counts as failed.
 
     Args:
         documents: Texts of task and robot.
@@ -256,7 +266,8 @@ def _run_cell(
         changes: The keys that the cell changes in the task, each `path=value`.
 
     Returns:
-        What was measured, by name, with reason, status and wall time [s].
+        What was measured, by the names of the quantities, without those that have no value. In addition `reason`, why
+        the run ended or failed; `status`, `COMPUTED` or `FAILED`; and `cell_time`, the wall time [s].
     """
     began_at = time.perf_counter()
     try:
@@ -317,15 +328,19 @@ def names_along(task: Task) -> list[Quantity]:
     return coordinates
 
 
-def _resumed(study: Study, new: Results) -> Results:
-    """Read the results of a study that was stopped, to go on with it; more cells may have been added.
+def _results_to_resume(study: Study, new: Results) -> Results:
+    """Read the results of a study that was stopped, to go on with it; the study may have more cells than the file.
 
     Args:
         study: The study, as it is asked for now.
-        new: Its results with nothing computed, into which those of the file are copied.
+        new: Its results with nothing computed and the path of the file. What the file has is copied into its arrays.
+
+    Returns:
+        The results with what was computed before, and with the attributes of the file.
 
     Raises:
-        InputError: There is no file, or it holds another study: another task, version, or more cells.
+        InputError: There is no file, or it holds another study: of another task, version or options, or with more
+            cells.
     """
     path = new.path
     cells = len(study.cells)
@@ -333,33 +348,34 @@ def _resumed(study: Study, new: Results) -> Results:
         raise InputError(
             f"--resume: found no file {path}, expected a {study.kind} study that was stopped; omit --resume"
         )
-    results = read_results(path, study.kind)
+    stored = read_results(path, study.kind)
+    # what has to be the same: `digest` stands for the texts of task and robot
     for name in ("psmpc_version", "digest", *study.identity):
-        value_in_file, value_now = (either.attributes.get(name) for either in (results, new))
+        value_in_file, value_now = (either.attributes.get(name) for either in (stored, new))
         if value_in_file != value_now:
             difference = f"found {name.replace('_', ' ')} {value_in_file}, this one has {value_now}"
             if name == "digest":
-                difference = _difference(results, new)
+                difference = _task_difference(stored, new)
             advice = "give the same task and options, or choose another file with -o"
             raise InputError(f"--resume: {path} holds another {study.kind} study: {difference}; {advice}")
-    if (cells_in_file := results["status"].size) > cells:
+    if (cells_in_file := stored["status"].size) > cells:
         raise InputError(f"--resume: {path} has {cells_in_file} runs, found {cells}, expected at least as many")
-    if missing := [name for name in new.quantities if name not in results.quantities]:
+    if missing := [name for name in new.quantities if name not in stored.quantities]:
         raise InputError(
             f"--resume: {path} was written by an earlier version, whose studies had no {missing[0]}: start anew with "
             "--force, or choose another file with -o"
         )
     for name, quantity in new.quantities.items():
         dtype = "text" if quantity.is_text else quantity.values.dtype.str
-        check_columns(results, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
-        shape = results[name].shape
+        check_columns(stored, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
+        shape = stored[name].shape
         if any(size > most for size, most in zip(shape, quantity.values.shape, strict=True)):
             raise InputError(f"--resume: {path} holds another {study.kind} study: found {name} of shape {shape}")
-        quantity.values[tuple(map(slice, shape))] = results[name]
-    return replace(new, attributes=results.attributes)
+        quantity.values[tuple(map(slice, shape))] = stored[name]  # the array of the file is the corner of the new one
+    return replace(new, attributes=stored.attributes)
 
 
-def _difference(*studies: Results) -> str:
+def _task_difference(*studies: Results) -> str:
     """Write the lines in which the tasks of two studies differ."""
     before, now = (f"{each.attributes['task_yaml']}\n{each.attributes['robot_yaml']}".splitlines() for each in studies)
     lines = list(unified_diff(before, now, n=0, lineterm=""))[2:]
@@ -374,12 +390,12 @@ class Workers:
     Attributes:
         submit: Function that has a function called on an item.
         result: Function from a call that has ended to what it returned; it raises what the call raised.
-        killed: What a call raises that kills its process.
+        error_if_killed: What a call raises if its process is killed.
     """
 
     submit: Callable[[Callable[[Any], Any], Any], Future[Any]]
     result: Callable[[Future[Any]], Any]
-    killed: type[Exception]
+    error_if_killed: type[Exception]
 
 
 def compute(
@@ -389,37 +405,38 @@ def compute(
     dask: str | None = None,
     wait: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[Key, Result | None], None, None]:
-    """Call a function on many items in parallel, and yield the key and the result of each as they come.
+    """Call a function on many items in parallel, and yield the results in the order in which the calls end.
 
-    The calls are made in processes with one thread each, never in this one, unless it may start none: a call may kill
-    its process. If one is killed, the first call without a result is repeated alone, and is lost if that is killed as
-    well; then the others go on. Signals are deferred from the first result until the iterator is closed.
+    The calls are made in other processes with one thread each, because a call may kill its process, for instance for
+    lack of memory. (They are made in this process only if it may start no others.) If a process is killed, one cannot
+    tell by which call: then the first call without a result is repeated alone, and is given up if its process is
+    killed again. After that the others go on. Signals are deferred from the first result until the iterator is closed.
 
     Args:
-        function: Pickles, as its items and results do. What it raises is raised here.
-        items: The items.
-        jobs: Processes on this machine; by default one for each core.
+        function: The function. It can be pickled, as can items and results. What it raises is raised here.
+        items: The items by key.
+        jobs: Number of processes on this machine; by default one for each core.
         dask: Address of the scheduler of a Dask cluster to use instead.
-        wait: Called again and again while no call ends.
+        wait: Called again and again while no call ends, to show the progress.
 
     Yields:
-        Key and result of an item; None for an item that is lost, since it kills its process.
+        Pairs of the key of an item and its result; the result is None if the call was given up.
 
     Raises:
         InputError: There is no such cluster, or its workers do not fit.
         RunError: The cluster is gone.
         KeyboardInterrupt: Ctrl-C or SIGTERM came; the processes are killed. No other code of a study is interrupted.
     """
-    waiting = dict(items)
+    waiting = dict(items)  # those without a result
     one_at_a_time = False
     in_this_process = dask is None and current_process().daemon
     with deferred_signals() as interruption:
         while waiting:
             submitted = dict(islice(waiting.items(), 1 if one_at_a_time or in_this_process else None))
             ended_calls = SimpleQueue[Future[Any]]()
-            worker_source = _place(jobs, dask, in_this_process)
-            # a submission raises `killed` if a process was killed before
-            with worker_source as workers, suppress(workers.killed):
+            worker_source = _workers_at(jobs, dask, in_this_process)
+            # if a process is killed, submissions and calls raise this error; those without a result are then made again
+            with worker_source as workers, suppress(workers.error_if_killed):
                 with _interrupts_blocked():
                     calls = {workers.submit(function, item): key for key, item in submitted.items()}
                 for call in calls:
@@ -432,14 +449,16 @@ def compute(
                     except Empty:
                         continue
                     key = calls.pop(call)
-                    if not isinstance(call.exception(), workers.killed):
+                    if not isinstance(call.exception(), workers.error_if_killed):
                         del waiting[key]
                         yield key, workers.result(call)
-            # any of several calls may have killed the process: the first is repeated alone, and lost if it kills again
+            # a call that was made alone and has no result has killed its process, and is given up; of several calls any
+            # may have done it, so the first of them is made alone next time
             without_result = submitted.keys() & waiting.keys()
-            for key in without_result if one_at_a_time else ():
-                del waiting[key]
-                yield key, None
+            if one_at_a_time:
+                for key in without_result:
+                    del waiting[key]
+                    yield key, None
             one_at_a_time = bool(without_result) and not one_at_a_time
 
 
@@ -450,20 +469,20 @@ def compute_all(
     watch: Watch = lambda progress: None,
     parts: str = "runs",
 ) -> dict[str, Result]:
-    """Call a function on many items in parallel, as `compute` does, and return all results by name.
+    """Call a function on many items in parallel, as `compute` does, and return all results when the last is there.
 
     Args:
-        function: Pickles, as its items and results do.
-        items: The items.
-        jobs: Processes on this machine; by default one for each core.
+        function: The function. It can be pickled, as can items and results.
+        items: The items by name.
+        jobs: Number of processes on this machine; by default one for each core.
         watch: Called with the progress at the beginning, after every call, and from time to time meanwhile.
-        parts: What the calls are, in their plural.
+        parts: What the calls are, in the plural, as the progress names them.
 
     Returns:
-        The results, in the order of the items.
+        The results by name, in the order of the items.
 
     Raises:
-        RunError: A call is lost, since it kills its process.
+        RunError: A call kills its process each time it is made.
     """
     by_name = dict[str, Result]()
     work = Work(parts, len(items), watch)
@@ -476,7 +495,7 @@ def compute_all(
     return {name: by_name[name] for name in items}
 
 
-def _pickled(folder: str, function: Callable[[Item], Result], item: Item) -> Path:
+def _call_and_store_result(folder: str, function: Callable[[Item], Result], item: Item) -> Path:
     """Call a function, and return a file in a folder that holds its result.
 
     The processes of this machine share one pipe for what they return. It would be blocked for ever by one that is
@@ -488,7 +507,7 @@ def _pickled(folder: str, function: Callable[[Item], Result], item: Item) -> Pat
     return Path(file.name)
 
 
-def _unpickled(call: Future[Path]) -> Any:
+def _load_stored_result(call: Future[Path]) -> Any:
     """Read what a call on this machine has stored, and remove the file."""
     path = call.result()
     result = pickle.loads(path.read_bytes())
@@ -496,16 +515,22 @@ def _unpickled(call: Future[Path]) -> Any:
     return result
 
 
-def _place(jobs: int | None, dask: str | None, in_this_process: bool) -> AbstractContextManager[Workers]:
-    """Return where calls are made."""
+def _workers_at(jobs: int | None, dask: str | None, in_this_process: bool) -> AbstractContextManager[Workers]:
+    """Return a context that provides the processes in which calls are made.
+
+    Args:
+        jobs: Number of processes on this machine; None for one for each core.
+        dask: Address of the scheduler of a Dask cluster that is used instead, if there is one.
+        in_this_process: Whether this process makes the calls itself, if there is no cluster.
+    """
     if dask is not None:
-        return _on_cluster(dask)
+        return _workers_on_cluster(dask)
     if in_this_process:
-        return nullcontext(Workers(_called, Future.result, TerminatedWorkerError))
-    return _on_this_machine(jobs or os.cpu_count() or 1)
+        return nullcontext(Workers(_call_at_once, Future.result, TerminatedWorkerError))
+    return _workers_on_this_machine(jobs or os.cpu_count() or 1)
 
 
-def _called(function: Callable[[Item], Result], item: Item) -> Future[Result]:
+def _call_at_once(function: Callable[[Item], Result], item: Item) -> Future[Result]:
     """Call a function at once, and return the call that has ended."""
     call = Future[Result]()
     try:
@@ -516,16 +541,26 @@ def _called(function: Callable[[Item], Result], item: Item) -> Future[Result]:
 
 
 @contextmanager
-def _on_this_machine(jobs: int) -> Iterator[Workers]:
-    """Provide processes of this machine, which later calls reuse."""
-    ensure_running()  # multiprocessing's tracker of resources, whose start unblocks interrupts
+def _workers_on_this_machine(jobs: int) -> Iterator[Workers]:
+    """Provide processes of this machine, which wait for further calls for some time after the last one.
+
+    Results come back as files in a temporary folder, see `_call_and_store_result`. If the caller is interrupted or
+    fails, the processes are killed.
+
+    Args:
+        jobs: Number of processes.
+    """
+    # first start multiprocessing's tracker of resources: its start unblocks the interrupts that are blocked below
+    ensure_running()
     with TemporaryDirectory(prefix="psmpc-") as folder:
         with _interrupts_blocked():
             executor = get_reusable_executor(
                 jobs, timeout=IDLE, env=ONE_THREAD, initializer=begin_worker, initargs=(os.getpid(),)
             )
         try:
-            yield Workers(partial(executor.submit, _pickled, folder), _unpickled, TerminatedWorkerError)
+            yield Workers(
+                partial(executor.submit, _call_and_store_result, folder), _load_stored_result, TerminatedWorkerError
+            )
         except BaseException:
             executor.shutdown(kill_workers=True)
             raise
@@ -542,25 +577,31 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def _on_cluster(address: str) -> Iterator[Workers]:
+def _workers_on_cluster(address: str) -> Iterator[Workers]:
     """Connect to a Dask cluster, and make sure that its workers compute the same as this process would.
 
-    That takes the same version of psmpc, and one thread each: sums over several threads are rounded otherwise.
+    For this they must have the same version of psmpc, and one thread each, because sums over several threads are
+    rounded differently.
 
     Args:
         address: Address of its scheduler, HOST:PORT.
 
+    Yields:
+        The workers of the cluster, through which calls are made.
+
     Raises:
-        InputError: Dask is not installed, nothing answers there, or the workers do not fit.
+        InputError: Dask is not installed, no scheduler with workers answers, or a worker has another version or more
+            threads.
         RunError: The connection is lost while it is used.
     """
     try:
         from distributed import Client, KilledWorker
     except ImportError:
         raise InputError("--dask: Dask is not installed, expected the extra: pip install 'psmpc[dask]'") from None
+    # silence Dask's own loggers: what they would report is in the messages here
     for name in [*logging.root.manager.loggerDict]:
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what they would report is in the messages here
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         if not re.search(r":\d+$", address):
             raise ValueError("expected HOST:PORT")
@@ -575,7 +616,7 @@ def _on_cluster(address: str) -> Iterator[Workers]:
         versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
         for worker, threads in client.nthreads().items():
             version = versions.get(worker, OSError())
-            if isinstance(version, OSError):  # it ended or joined just now
+            if isinstance(version, OSError):  # a worker that ended or joined just now
                 continue
             if threads != 1 or version != __version__:
                 raise InputError(

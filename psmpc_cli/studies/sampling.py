@@ -127,16 +127,17 @@ def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf,
 
 
 def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:
-    """Choose the pairs of priorities of a sweep from a short text: a grid, a number of ratios, or random draws.
+    """Choose the pairs of priorities omega_1, omega_2 that a sweep tries, from a short text of the user.
 
     Args:
-        text: `25x25` is a grid of omega_1 by omega_2, evenly in their logarithms; `49` so many ratios omega_2 / omega_1
-            with omega_1 omega_2 = 1, likewise; `random:40` so many log-uniform draws of both.
+        text: What to try. `25x25` is a grid of 25 values of omega_1 by 25 of omega_2, evenly in their logarithms. `49`
+            is 49 ratios omega_2 / omega_1, evenly in their logarithm, with omega_1 omega_2 = 1. `random:40` is 40
+            random pairs, whose logarithms are uniform.
         bounds: The lowest and the highest priority.
-        seed: Seed of the draws.
+        seed: Seed of random pairs.
 
     Raises:
-        InputError: The text is none of them, there are too many cells, or no range.
+        InputError: The text is none of these, there are more than `MOST_CELLS` pairs, or `bounds` is not two numbers.
     """
     if len(bounds) != 2:
         raise InputError(f"--range: found {len(bounds)} numbers, expected two, LOW:HIGH, such as 1e-3:1e3")
@@ -148,11 +149,12 @@ def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampl
             f"found '{text}', expected a grid of two sizes of at least 2 such as 25x25 (omega_1 by omega_2), a number "
             f"of ratios such as 49, or --sampling random:N such as random:100; at most {MOST_CELLS} cells"
         )
-    low, high = np.log10(bounds)
+    low, high = np.log10(bounds)  # all below is in decimal logarithms until the power of 10
     label = text.strip()
     if is_random:
         return Draws(label, 10.0 ** np.random.default_rng(seed).uniform(low, high, (sizes[0], 2)))
     if len(sizes) == 1:
+        # the logarithm of the ratio goes from low - high to high - low; each priority has half of it, with its sign
         return Ratios(label, 10.0 ** np.outer(np.linspace(low - high, high - low, sizes[0]) / 2, [-1.0, 1.0]))
     omega_2, omega_1 = np.meshgrid(*(np.linspace(low, high, size) for size in reversed(sizes)), indexing="ij")
     return FullFactorial(label, 10.0 ** np.column_stack([omega_1.ravel(), omega_2.ravel()]))

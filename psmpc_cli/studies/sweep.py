@@ -53,17 +53,17 @@ EFFORT_DECIMALS = 3
 
 
 def parse_stages(text: str, task: Task) -> tuple[int, int]:
-    """Find the two stages in a row that a user names by numbers or names, such as 1,2; their priorities are varied.
+    """Find the two stages whose priorities a study varies, from how the user names them, such as 1,2.
 
     Args:
-        text: Numbers, from 1, or names between a comma.
+        text: Two numbers of stages, counted from 1, or names of stages, with a comma between.
         task: The task.
 
     Returns:
-        Indices of both stages, from 0.
+        Indices of both stages, counted from 0.
 
     Raises:
-        InputError: They are not two stages in a row of the task, or its controller has no priorities.
+        InputError: They are not two stages of the task that follow each other, or its controller has no priorities.
     """
     names = [stage.name for stage in task.spec.stages]
     if task.spec.controller.kind != "psmpc":
@@ -83,19 +83,20 @@ def _stage_index(number_or_name: str, names: Sequence[str]) -> int:
     return int(number_or_name) - 1 if number_or_name.isdigit() else -1
 
 
-def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:
-    """Return for each run the index of the first one that has the same result, so as to compute it once (runs,).
+def first_equal_runs(task: Task, stages: tuple[int, int], omega: Array) -> Array:
+    """Return for each run the index of the first run with the same result, so that this is computed only once (runs,).
 
-    Scaling all priorities omega leaves the optimum unchanged, so runs are equal if all priorities over the largest one
-    are.
+    To scale the priorities of all stages by one factor leaves the optimum unchanged. So runs are equal if their
+    priorities over the largest one are equal.
 
     Args:
-        task: The task.
+        task: The task, which gives the priorities of the other stages.
         stages: Indices of the two stages whose priorities vary.
-        omega: Their priorities in each run (runs, 2).
+        omega: Priorities of these two in each run (runs, 2).
     """
     priorities = np.tile([stage.priority for stage in task.spec.stages], (len(omega), 1))
     priorities[:, list(stages)] = omega
+    # logarithms are rounded so that priorities which differ in their last digits count as equal
     log_ratios = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), RATIO_DECIMALS)
     _, first_runs, group_of_run = np.unique(log_ratios, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first_runs[group_of_run.ravel()])
@@ -128,9 +129,10 @@ class SweepCells:
         succeeded: In which cells the whole mission succeeded (cells,).
         mission_end: End of the mission (cells,) [s]; NaN where it was not completed.
         end_error: Largest error of any end condition at the end of its stage (cells,) [tolerances].
-        with_own_run: The cells that ended or failed in a run of their own: none is computed twice (with_own_run,).
-        run_by_ratio: The same from the smallest ratio to the largest (with_own_run,).
-        ended_by_ratio: Those of them that ended (runs,).
+        with_own_run: Indices of the cells that ended or failed in a run of their own, which they do not share with an
+            earlier cell (runs,).
+        run_by_ratio: The same indices by rising ratio (runs,).
+        ended_by_ratio: Those of them that ended the second stage, by rising ratio (ended runs,).
         first_switch: t_s, which ended the first studied stage (cells,) [s].
         earliest_start: t_s - T_h, before which the second stage is in no window (cells,) [s].
 
@@ -139,13 +141,15 @@ class SweepCells:
     """
 
     def __init__(self, results: Results) -> None:
-        """Read a sweep over the weights of two stages from its results, and check that they are complete.
+        """Read a sweep over the priorities of two stages from its results, and check that no array is missing.
+
+        A cell of the sweep is one pair of priorities (omega_1, omega_2), with the run that has them.
 
         Args:
-            results: The content of the file; cells may still wait for their runs.
+            results: The content of a results file; cells may still wait for their runs.
 
         Raises:
-            LogError: They are those of another study, or of an earlier version.
+            LogError: The results are those of another study, or of an earlier version of this one.
         """
         try:
             self.sampling = SAMPLINGS[results.quantities["status"].dims]
@@ -161,6 +165,7 @@ class SweepCells:
         cell_dims = self.sampling.dims
         stage_names = [stage.name for stage in self.task.spec.stages]
         weight_columns = [Column(name, "1", name) for name in self.sampling.columns]
+        # arrays of the cells, of the reference run with the task's own priorities, and coordinates
         columns = (*CELL_COLUMNS, *over_weights(second))
         check_columns(results, (*columns, *weight_columns), cell_dims)
         check_columns(results, of_reference(columns))
@@ -218,19 +223,24 @@ class SweepCells:
         return int(np.maximum(self.quantity(name)[own], 0).sum())
 
     @property
-    def chosen(self) -> int:
+    def shown_threshold(self) -> int:
         """Index of the threshold to show where only one is shown: the task's own, the largest if that is missing."""
         own = np.flatnonzero(np.isclose(self.epsilons, self.task.spec.onset.epsilon))
         return int(own[0]) if len(own) else int(np.argmax(self.epsilons))
 
 
-class AlongRatio:
-    """A quantity (cells,) of the cells that ended, by their ratio: from the smallest to the largest, (ratios,) each.
+class QuantityByRatio:
+    """A quantity of the cells of a sweep over the ratio of priorities omega_2 / omega_1.
 
     Cells of one ratio differ by no more than the solver's tolerance, unless other stages are in the window as well.
+
+    Attributes:
+        ratio: The ratios of the cells that ended the second stage, each once and rising (ratios,).
+        middle, lowest, highest: Median, smallest and largest value of the cells with each ratio (ratios,).
     """
 
     def __init__(self, cells: SweepCells, values: Array) -> None:
+        """Group the values (cells,) of a quantity by the ratio of the cells, without cells that have not ended."""
         ratio = cells.ratio[cells.ended]
         kept = values[cells.ended]
         _, first, inverse = np.unique(np.round(np.log10(ratio), RATIO_DECIMALS), return_index=True, return_inverse=True)
@@ -263,17 +273,21 @@ class Recommendation(NamedTuple):
 
 
 def recommend(cells: SweepCells) -> Recommendation:
-    """Recommend the priorities whose mission ends first at no more cost than with the task's own priorities.
+    """Recommend the pair of priorities whose mission ends first at no more cost than with the task's own priorities.
 
-    A run is eligible if its whole mission succeeds, its control effort and its peak force on the base are no larger
-    than with the task's own priorities, and every stage ends within `ALLOWED_ERROR`. The recommended run is the
-    eligible one whose mission ends first, and of several that end at one sample the one with the least control effort.
-    The run with the task's own priorities is one of them, so that it is recommended where no other one is better.
+    The run with the task's own priorities is the reference. A run is eligible if its whole mission succeeds, its
+    control effort and its peak force on the base are no larger than those of the reference, and every stage ends within
+    `ALLOWED_ERROR`. Of the eligible runs, the reference among them, the one is recommended whose mission ends first,
+    and of several that end at one sample the one with the least control effort.
 
-    Where that run fails nothing is recommended: what an abandoned mission has cost is no measure for a whole one.
+    If the mission of the reference fails, nothing is recommended: what an abandoned mission has cost is no measure for
+    a whole one.
+
+    Returns:
+        The recommended ratio and priorities with the reason as text; or None for both, and why there are none.
     """
     if cells.reference("status") == WAITING:
-        return Recommendation(None, NONE, "the task's own priorities have not been run yet")
+        return Recommendation(None, NO_RECOMMENDATION, "the task's own priorities have not been run yet")
     other_cells = cells.with_own_run[cells.with_own_run != cells.reference("origin")]
 
     def of_reference_and_others(name: str) -> Array:
@@ -289,7 +303,7 @@ def recommend(cells: SweepCells) -> Recommendation:
     # index 0 is the reference, the run with the task's own priorities
     if not succeeded[0]:
         return Recommendation(
-            None, NONE, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(other_cells))
+            None, NO_RECOMMENDATION, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(other_cells))
         )
     runs_with_fault = {
         "failed": ~succeeded,
@@ -301,20 +315,21 @@ def recommend(cells: SweepCells) -> Recommendation:
     # the earliest end first, infinite for those that are not eligible; then the least effort
     best = int(np.lexsort((np.round(effort / effort[0], EFFORT_DECIMALS), np.where(eligible, end, np.inf)))[0])
     so_far = " so far" if cells.waiting.any() else ""
-    of_best = _outcome(end[best], effort[best], force[best], error[best])
-    of_own = _outcome(end[0], effort[0], force[0], error[0])
+    # texts for the user
+    of_best = _describe_outcome(end[best], effort[best], force[best], error[best])
+    of_own = _describe_outcome(end[0], effort[0], force[0], error[0])
     counts = ", ".join(
         f"{np.sum(has_fault)} {fault}" for fault, has_fault in runs_with_fault.items() if has_fault.any()
     )
     if not eligible[best]:
         reason = f"of {len(end)} runs {counts}; with the task's own priorities the mission {of_own}"
-        return Recommendation(None, f"{NONE}{so_far}", reason)
+        return Recommendation(None, f"{NO_RECOMMENDATION}{so_far}", reason)
     if best == 0:
         headline = f"recommended omega_2/omega_1{so_far}: {ratio[0]:.4g}, the task's own"
         why = f"; of the {len(other_cells)} other runs {counts}" if counts else ""
         reason = f"the mission {of_own}, and no other run is faster at no more effort and force{why}"
         return Recommendation(float(ratio[0]), headline, reason, _pair(cells.own_omega))
-    omegas = [cells.omega[other_cells[best - 1]], cells.own_omega]
+    omegas = [cells.omega[other_cells[best - 1]], cells.own_omega]  # index 0 of the runs is the reference
     pairs = [f"{omega[1] / omega[0]:.4g} (omega_1 = {omega[0]:.4g}, omega_2 = {omega[1]:.4g})" for omega in omegas]
     return Recommendation(
         float(ratio[best]),
@@ -325,7 +340,7 @@ def recommend(cells: SweepCells) -> Recommendation:
     )
 
 
-NONE = "no ratio is recommended"
+NO_RECOMMENDATION = "no ratio is recommended"
 """What is said where nothing is recommended."""
 
 
@@ -333,26 +348,29 @@ def _pair(omega: Array) -> tuple[float, float]:
     return float(omega[0]), float(omega[1])
 
 
-def _outcome(end: float, effort: float, force: float, error: float) -> str:
+def _describe_outcome(end: float, effort: float, force: float, error: float) -> str:
     """Write the end of a mission [s], its control effort, its peak force on the base [N] and its end error, if any."""
     ends = f" and end errors up to {error:.2f} of the tolerance" if np.isfinite(error) else ""
     return f"ends at {end:.2f} s with control effort {effort:.4g}, peak force on the base {force:.4g} N{ends}"
 
 
 def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others: int) -> str:
-    """Say why no ratio omega_2 / omega_1 is recommended where the mission fails with the task's own priorities.
+    """Say why no ratio omega_2 / omega_1 is recommended if the mission fails with the task's own priorities.
 
     A recommended run must need no more effort and force than the reference, the run with the task's own priorities. A
-    failed reference sets no such bound. The reason given is the recorded one or, where all stages ended, that a monitor
-    broke or the object was not delivered.
+    failed reference sets no such bound.
 
     Args:
         cells: The runs of the sweep, each with its ratio.
         ratios: Ratios of the other runs that succeed (succeeded,).
         ends: Ends of their missions (succeeded,) [s].
         others: Number of the other runs made so far, succeeded or not.
+
+    Returns:
+        A sentence with the reason of the failure and, of the other runs that succeed, their number and the fastest.
     """
     completed_all_stages = cells.reference("completed") == 1
+    # on record is why the run ended; if it ended with its last stage, this does not say why the mission failed
     broken = "a monitor broke, or the object was not delivered"
     reason = broken if completed_all_stages else str(cells.reference("reason"))
     fastest = f", the fastest that of ratio {ratios[np.argmin(ends)]:.4g}, at {ends.min():.2f} s" if len(ends) else ""
@@ -376,20 +394,20 @@ def sweep(
     resume: bool = False,
     watch: Watch = lambda progress: None,
 ) -> Results:
-    """Run a task with every combination of values of some of its keys.
+    """Run a task with every combination of values of some of its keys, and measure each run.
 
     Args:
         task: The task, its file or the name of a built-in one.
         values: The values of each key, such as {"stages.capture.priority": [1, 10, 100]}.
-        path: File of the results; None for none that stays.
-        jobs: Processes on this machine; by default one for each core.
-        dask: Address of the scheduler of a Dask cluster to compute on.
+        path: File of the results; None for results in memory alone.
+        jobs: Number of processes on this machine; by default one for each core.
+        dask: Address of the scheduler of a Dask cluster to compute on instead.
         force: Whether an existing file is overwritten.
-        resume: Whether the cells that wait in an existing file are computed; those that failed are computed again.
+        resume: Whether to go on with the sweep in an existing file: its runs that were not made or failed are made.
         watch: Called with the progress at the beginning and after every run.
 
     Returns:
-        What became of the runs: arrays along one dimension for each key, named as the key.
+        What was measured of the runs, as arrays with one dimension for each key, named as the key.
 
     Raises:
         InputError: An argument is of another type, there are no values or too many, or as for `run_study`.
@@ -407,13 +425,14 @@ def sweep(
     runs = int(np.prod([len(values_of_key) for values_of_key in values.values()])) if values else 0
     if not 0 < runs <= MOST_CELLS:
         raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
-    changes = {key: [f"{key}={_text(value)}" for value in values_of_key] for key, values_of_key in values.items()}
+    changes = {key: [f"{key}={_json_text(value)}" for value in values_of_key] for key, values_of_key in values.items()}
     all_changes = [change for values_of_key in changes.values() for change in values_of_key]
     documents = documents_of(loaded)
     for change in all_changes:
-        documents.changed((change,))
+        documents.changed((change,))  # raises before any run if the task cannot have the value
     axes = [
-        Quantity(key, (key,), _axis(values_of_key), "1", f"value of {key}") for key, values_of_key in values.items()
+        Quantity(key, (key,), _key_coordinate(values_of_key), "1", f"value of {key}")
+        for key, values_of_key in values.items()
     ]
     study = Study(
         kind=KEY_SWEEP,
@@ -427,15 +446,16 @@ def sweep(
     return run_study(study, path, jobs, dask, force, resume, watch)
 
 
-def _text(value: Any) -> str:
+def _json_text(value: Any) -> str:
+    """Write the value of a key as JSON, which is valid in a YAML file."""
     return json.dumps(plain(value))
 
 
-def _axis(values: Sequence[Any]) -> np.ndarray:
+def _key_coordinate(values: Sequence[Any]) -> np.ndarray:
     """Return the values of a key as a coordinate: numbers, or their text."""
     if all(isinstance(value, int | float | np.number) and not isinstance(value, bool) for value in values):
         return np.array(values, float)
-    return np.array([each if isinstance(each, str) else _text(each) for each in values])
+    return np.array([each if isinstance(each, str) else _json_text(each) for each in values])
 
 
 def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), epsilons: Sequence[float] = ()) -> Task:
@@ -453,13 +473,16 @@ def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), e
 
 
 def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_cell: bool = False) -> Study:
-    """Build the sweep over pairs of priorities of two stages, with the task's own pair as a reference to compare with.
+    """Describe the sweep over pairs of priorities of two stages; `run_study` then computes it.
+
+    There is a run for each pair, and a reference run with the task's own priorities to compare the others with.
 
     Args:
         task: The task, from `load_sweep_task`.
-        stages: Indices of the two stages in a row whose priorities vary.
-        sampling: Their priorities in each cell.
-        every_cell: Whether cells with equal ratios of all priorities are computed one by one, instead of sharing a run.
+        stages: Indices of the two stages, one after the other, whose priorities vary.
+        sampling: The pairs of priorities, one for each cell of the study.
+        every_cell: Whether each cell has a run of its own; otherwise cells share one if the priorities of all stages
+            are in the same ratios, for which the results are equal.
     """
     spec = task.spec
     omega = sampling.omega
@@ -484,5 +507,5 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         },
         required_stage=stages[1],
         reference=True,
-        origins=None if every_cell else origins(task, stages, np.vstack([omega, own_priorities])),
+        first_equal_runs=None if every_cell else first_equal_runs(task, stages, np.vstack([omega, own_priorities])),
     )

@@ -70,7 +70,7 @@ def test_every_frame_has_the_names_of_its_axes(load: Load, monkeypatch: pytest.M
                 place = axis.label.get_window_extent()
                 labels.append((axis.label.get_text(), figure.bbox.contains(place.x0, place.y0)))
 
-    monkeypatch.setattr(animation, "_encode", look)
+    monkeypatch.setattr(animation, "_write_frames", look)
     animation.write_animation(load(last=1.0), [])
     assert labels == 2 * [("x (m)", True), ("y (m)", True)]
 

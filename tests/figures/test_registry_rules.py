@@ -16,7 +16,7 @@ from psmpc_cli.figures.coordinates import plot_errors, plot_forces, plot_states,
 from psmpc_cli.figures.instants import plot_grasps, plot_instants, plot_solve_time
 from psmpc_cli.figures.monte_carlo import INTERVAL, plot_runs, plot_success
 from psmpc_cli.figures.registry import FIGURES, figures_of
-from psmpc_cli.figures.scene import CAMERAS, base_half, corners, in_inertial_frame
+from psmpc_cli.figures.scene import CAMERAS, base_half_edges, box_corners, in_inertial_frame
 from psmpc_cli.figures.snapshots import plot_robot
 from psmpc_cli.figures.style import label_ends, stack
 from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts
@@ -244,7 +244,7 @@ def test_numbers_of_joints_cover_nothing_of_the_robot(name: str) -> None:
         for each in all_ends
     ]
     on_links = np.vstack([first + np.linspace(0, 1, 30)[:, None] * (second - first) for first, second in ends])
-    box = corners(frames[0] @ model.shape.box_frame, base_half(model))
+    box = box_corners(frames[0] @ model.shape.box_frame, base_half_edges(model))
     on_base = np.random.default_rng(0).dirichlet(np.ones(8), 2000) @ box
     seen = axes.transData.transform(camera.project(np.vstack([on_links, on_base])))
     numbers = [text for text in axes.texts if text.get_text()[:1].isdigit()]

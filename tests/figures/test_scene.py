@@ -55,7 +55,7 @@ def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
 @given(share=st.floats(0, 1))
 def test_the_object_rests_moves_rigidly_with_the_grippers_and_stays_where_it_was_let_go(run: Run, share: float) -> None:
     scene = scene_of(run)
-    assert (scene.taken, scene.left, scene.lost) == (13.0, 23.0, False)
+    assert (scene.taken_at, scene.released_at, scene.lost) == (13.0, 23.0, False)
     rests, moves, stays = (scene.object_frame(time + share * span) for time, span in ((0, 13), (13, 10), (23, 6)))
     assert run.task.spec.object is not None and rests is not None and moves is not None
     np.testing.assert_array_equal(rests, pose_frames(run.task.spec.object.pose))
@@ -67,9 +67,9 @@ def test_the_object_rests_moves_rigidly_with_the_grippers_and_stays_where_it_was
 
 def test_the_object_is_lost_when_the_grippers_open_too_early(load: Load) -> None:
     scene = scene_of(load(early={1: 6.4, 3: 19.0}))
-    assert scene.lost and 19.0 < scene.left < 23.0
+    assert scene.lost and 19.0 < scene.released_at < 23.0
     assert [scene.events(time)[-1] for time in np.array([18.0, 29.6])] == ["transport", "object lost"]
-    np.testing.assert_array_equal(scene.object_frame(29.6), scene.object_frame(scene.left))
+    np.testing.assert_array_equal(scene.object_frame(29.6), scene.object_frame(scene.released_at))
 
 
 def test_obstacles_are_drawn_where_they_are_kept_clear_of(load: Load, keeping_clear: dict[str, Any]) -> None:

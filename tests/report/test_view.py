@@ -126,7 +126,7 @@ def test_what_is_drawn_is_where_the_kinematics_put_it(
         tools = np.array(drawn["tools"])[:, : model.dimension]
         assert tools == pytest.approx(model.poses(Q)[1:, : model.dimension], abs=1e-6)
         scene = scene_of(run)
-        for stage in scene.acting(time):
+        for stage in scene.acting_stages(time):
             for found, frame in zip(drawn["targets"][stage], scene.target_frames(stage, time), strict=True):
                 assert found[:3] == pytest.approx(frame[:3, 3], abs=1e-5)
                 assert Rotation.from_quat(found[3:]).as_matrix() == pytest.approx(frame[:3, :3], abs=1e-5)

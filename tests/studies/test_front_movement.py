@@ -28,10 +28,10 @@ def front(right: float = 0.0, up: float = 0.0) -> np.ndarray:
 
 def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
     movement = FrontMovement(made_up(np.array([front(2, 0), front(1, 1), front(0, 2)])))
-    assert movement.moving == 3
-    assert movement.with_time
+    assert movement.n_moving == 3
+    assert movement.moves_over_time
     np.testing.assert_allclose(movement.steps["normalized"], [[1, -1], [1, -1]])
-    assert movement.against == [0.0, 0.0, 0.0]
+    assert movement.steps_back == [0.0, 0.0, 0.0]
 
 
 def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
@@ -39,9 +39,9 @@ def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
     swapped[[2, 3]] = swapped[[3, 2]]
     rounded[3] = rounded[2] * [1 - 1e-7, 1 + 1e-7]
     movement = FrontMovement(made_up(np.array([front(), swapped, rounded])))
-    assert movement.moving == 2
-    assert movement.against[0] == 0.0
-    assert movement.against[1] > 0.1
+    assert movement.n_moving == 2
+    assert movement.steps_back[0] == 0.0
+    assert movement.steps_back[1] > 0.1
     assert "upper left at 2 of 3 samples" in movement.over_ratio
 
 

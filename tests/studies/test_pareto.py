@@ -18,10 +18,10 @@ from psmpc_cli.studies.pareto import (
     ParetoSettings,
     TradeOff,
     choose_samples,
-    constrained,
+    epsilon_constraint,
+    objective_values,
     point_costs,
     solve_pareto,
-    values_of,
     weighted_sum,
 )
 
@@ -195,13 +195,13 @@ def test_a_bound_where_a_weighted_sum_ends_leads_to_the_same_point(
     """On a convex front both methods find the same points, and the multiplier of the bound is the ratio."""
     summed = trade_off.solve(weighted_sum(solve.window, ratio), solve, wait)
     J = point_costs([summed])
-    bounded = trade_off.solve(constrained(solve.window, float(J[0, 1])), solve, wait)
+    bounded = trade_off.solve(epsilon_constraint(solve.window, float(J[0, 1])), solve, wait)
     np.testing.assert_allclose(point_costs([bounded]), J, rtol=1e-5)
     assert bounded.bound_multiplier == pytest.approx(ratio, rel=1e-2)
 
 
 def test_a_bound_no_plan_keeps_to_gives_no_point(trade_off: TradeOff, solve: Solution, wait: float) -> None:
-    point = trade_off.solve(constrained(solve.window, 1e-9), solve, wait)
+    point = trade_off.solve(epsilon_constraint(solve.window, 1e-9), solve, wait)
     assert not point.outcome.usable
     assert np.isnan(point_costs([point])).all()
-    assert values_of(weighted_sum(solve.window, 1.0), [point]) == np.inf
+    assert objective_values(weighted_sum(solve.window, 1.0), [point]) == np.inf

@@ -12,7 +12,14 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.runner import FAILED, REFERENCE, WAITING
 from psmpc_cli.studies.sampling import Draws, FullFactorial, Ratios, Sampling, parse_sampling
-from psmpc_cli.studies.sweep import AlongRatio, Recommendation, SweepCells, origins, parse_stages, recommend
+from psmpc_cli.studies.sweep import (
+    QuantityByRatio,
+    Recommendation,
+    SweepCells,
+    first_equal_runs,
+    parse_stages,
+    recommend,
+)
 
 from ..synthetic_sweep import EPSILONS, T_S, Numbers, numbers, sampling_of, synthetic_sweep
 
@@ -43,13 +50,13 @@ def test_the_chosen_threshold_is_the_tasks_or_the_largest(
     path: Path, epsilons: tuple[float, ...], chosen: float
 ) -> None:
     cells = SweepCells(synthetic_sweep(path, "2", waiting=(0, 1), own_status=WAITING, epsilons=epsilons))
-    assert cells.epsilons[cells.chosen] == chosen
+    assert cells.epsilons[cells.shown_threshold] == chosen
 
 
 def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
     cells = SweepCells(synthetic_sweep(path, "3x3", failed=(0,)))
     values = np.arange(9.0)
-    found = AlongRatio(cells, values)
+    found = QuantityByRatio(cells, values)
     np.testing.assert_allclose(found.ratio, [1e-6, 1e-3, 1.0, 1e3, 1e6])
     # the cell in row omega_2 and column omega_1 has the number 3 row + column, and 0 on the diagonal failed
     np.testing.assert_array_equal(found.lowest, [2, 1, 4, 3, 6])
@@ -75,8 +82,8 @@ def test_a_file_that_does_not_say_what_ran_is_refused_by_name(path: Path, change
 
 def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> None:
     omega = parse_sampling("3x3", (0.1, 10.0)).omega
-    assert len(np.unique(origins(load_task("approach_capture"), (0, 1), omega))) == 5
-    assert len(np.unique(origins(load_task("transport"), (0, 1), omega))) == 9
+    assert len(np.unique(first_equal_runs(load_task("approach_capture"), (0, 1), omega))) == 5
+    assert len(np.unique(first_equal_runs(load_task("transport"), (0, 1), omega))) == 9
 
 
 def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:

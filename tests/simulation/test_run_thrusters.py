@@ -132,3 +132,23 @@ def test_pulses_end_a_mission_as_soon_as_their_means() -> None:
     assert fired.impulse == pytest.approx(meant.impulse, rel=0.1)
     assert fired.firings > meant.firings
     assert fired.refused[0] < 0.02 * fired.impulse
+
+
+@pytest.mark.slow
+def test_with_a_reserve_of_speed_pulses_exceed_no_limit_and_the_run_repeats() -> None:
+    changes = {"log.shares": False, "log.plans": True}
+    excess = {}
+    for factor in (0, 3):
+        found = simulate(load_task("thrust_and_reach", {**changes, "controller.speed_reserve": factor}))
+        assert found.summary().succeeded
+        stages = found.problem.stages
+        limit = np.array([stages[stage].limits.velocity_high for stage in found["window/first"]])
+        excess[factor] = -(found["margin/velocity"] / limit).min()
+    assert excess[0] > 0.01
+    assert excess[3] < 0.005
+    # the last run
+    assert found["margin/speed_reserve"].max() > 0.0
+    assert replay(found, int(found["margin/speed_reserve"].max(axis=1).argmax())).largest == 0.0
+    again = rerun(found)
+    assert again is not None
+    assert again.differences == ()

@@ -102,7 +102,8 @@ def output_file(
     from psmpc_cli.logs.files import check_output
 
     default = RUNS / f"{name}.h5"
-    if resume:  # which is to write into a file that exists
+    if resume:  # into a file that exists and is read before it is written, so that nothing is to be checked
+        # the last of the numbered files that exists, or the first one
         return given or next(path for path, later in pairwise(_numbered(default)) if not later.exists())
     path = given or free_path(default, force)
     check_output(path, force, inputs=inputs)

@@ -394,10 +394,11 @@ class ControlLaw:
     def _return_to_stage(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
         """Make a stage that has ended the current one again, after grippers have missed or lost the object.
 
-        The stage begins now, from the state and the object as they are measured. The last solve assumed that the
-        grippers hold the object, so the next solve does not start from it: it is a cold one. How far the robot has come
-        on the routes of this stage and of those after it is found anew. A route is a path of straight motions around
-        obstacles; its progress is the share of its length that lies behind the robot.
+        The stage begins now. The last solve assumed that the grippers hold the object, so the next solve does not start
+        from it: it is a cold one. The targets of all stages are placed anew, as numbers in the chart of this sample,
+        relative to the object where it is measured. How far the robot has come on the routes of this stage and of those
+        after it is found anew, from where it will be when the command acts. A route is a path of straight motions
+        around obstacles; its progress is the share of its length that lies behind the robot.
 
         Args:
             memory: What is known so far.
@@ -414,12 +415,13 @@ class ControlLaw:
         memory = replace(
             memory,
             sequence=MovingSequence.of(stage, time),
-            plans=replace(memory.plans, sequence=None),
+            route=route,
+            plans=replace(memory.plans, sequence=None),  # followed until the next solve, but of other stages
+            # what solves would start from: the last solution, those of HTMPC's levels, and an unfinished one
             solution=None,
             levels=(),
             unfinished=None,
-            arguments={},
-            route=route,
+            arguments={},  # of constraints: the first sample of a stage sets them
         )
         placement = self._place_stages(
             memory,

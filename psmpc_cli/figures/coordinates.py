@@ -204,7 +204,8 @@ def attitude_error(run: Run) -> np.ndarray:
 def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     """Plot every coordinate [m, rad] of several runs, with the curves of all runs in one panel, to compare them.
 
-    There is a panel for each coordinate of base and arms, with a curve for each run. Dots mark the ends of stages.
+    There is a panel for each coordinate of base and arms that varies in some run, with a curve for each run. Dots mark
+    the ends of stages.
 
     Args:
         runs: The runs by controller, of one task.
@@ -220,6 +221,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     figure = style.new_figure(style.PAGE)
     columns = 3
     rows = -(-len(labelled_rows) // columns)  # rounded up
+    # `style.finish` makes rows as high as their height ratios say [in]
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=[1.3] * rows)
     for axes, (label, row) in zip(grid.flat, labelled_rows, strict=False):
         for number, ((name, run), (time, Q)) in enumerate(zip(runs.items(), states, strict=True)):
@@ -232,14 +234,16 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
                 label=style.shared_label(style.escape_dollars(style.title_of(name))),
                 **look,
             )
+            # the stages that have ended
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             values_at_switches = np.interp(switches, time, values)
             axes.plot(switches, values_at_switches, "o", markersize=3, color=look["color"])
         axes.set_ylabel(label)
     for axes in grid.flat[len(labelled_rows) :]:
         axes.set_visible(False)
-    for axes in grid[-1]:
+    for axes in grid.flat[: len(labelled_rows)][-columns:]:  # the lowest of each column
         axes.set_xlabel("Time (s)")
+        axes.tick_params(labelbottom=True)
     # draws nothing, but is the entry of the dots in the common legend
     grid[0, 0].plot([], [], "o", markersize=3, color=style.EDGE, label=style.shared_label("ends of stages"))
     return style.finish(figure)

@@ -87,12 +87,13 @@ def tape_of(function: ca.Function) -> "Tape | None":
         The tape. None where CasADi has to evaluate the function itself: it is not of SX, has sparse arguments or
         results, or an operation that the program does not know, or the program is not compiled.
     """
+    # as many nonzeros as entries
     is_dense = function.nnz_in() + function.nnz_out() == function.numel_in() + function.numel_out()
     if not function.is_a("SXFunction") or not is_dense:
         return None
     try:
-        path = tape_library().find()
-    except (CompilationError, OSError):
+        path = tape_library().find()  # None if it is not compiled yet
+    except (CompilationError, OSError):  # there is no compiler, or its folder cannot be read
         return None
     if path is None:
         return None

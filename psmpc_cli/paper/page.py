@@ -23,6 +23,10 @@ from psmpc_cli.studies.sweep import recommend
 def report_reproduction(reproduction: Reproduction, created: str) -> Page:
     """Build the HTML page of a reproduction: claims with their findings, figures, and the command that repeats it.
 
+    A claim is a statement of the paper, a finding what became of it here. Claims about priorities are judged by a study
+    of weights, and those about trade-offs between two stages by Pareto fronts at several samples, if they were
+    computed.
+
     Args:
         reproduction: What was run for the claims, and their findings.
         created: When, in ISO 8601.
@@ -30,20 +34,22 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
     Returns:
         The page, which is drawn and written by its method `save`.
     """
+    # the command that repeats it, from what was run
     options = [word for change in reproduction.changes for word in ("--set", change)]
     options += ["--weights", str(reproduction.weights.results.attributes["sampling"])]
     options += [] if reproduction.fronts is None else ["--fronts", str(len(reproduction.fronts["ratio"]))]
     options += ["--as-printed"] if reproduction.task == PRINTED else []
     first = next(iter(reproduction.runs.values())).attributes
+    findings_in_general = reproduction.part(None)  # those without a section of their own; groups stand together
     return render(
         "reproduction.html.j2",
         layer="paper",
         reproduction=reproduction,
-        groups={
-            name: list(group) for name, group in groupby(reproduction.part(None), lambda finding: finding.claim.group)
-        },
+        groups={name: list(group) for name, group in groupby(findings_in_general, lambda finding: finding.claim.group)},
         apart=claims.APART,
-        headings=[heading for heading in claims.HEADINGS if heading != "searched"],  # it stands below the claim
+        # where the paper was searched for a claim is no column of the page, but a line below the claim
+        headings=[heading for heading in claims.HEADINGS if heading != "searched"],
+        # modules whose functions and constants the template uses
         judge=judge,
         tolerances=missions,
         study=fronts,

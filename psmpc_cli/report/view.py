@@ -395,7 +395,7 @@ def _plot_tabs(run: Run, frames: np.ndarray) -> Iterator[Json]:
     motion = run.motion
     model = run.problem.model
     time = motion.time[frames]
-    # the end of the run has no control of its own: the last one is repeated
+    # controls are accelerations, one for each sample. The end of the run has none of its own: the last one is repeated
     u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]
     tabs = {
         "Velocities": _coordinate_panels(model, time, motion.v[frames], "velocity"),

@@ -169,12 +169,17 @@ class _Copy:
         return self._read(length, until, wait)
 
     def _read(self, count: int, until: float, wait: Callable[[], None]) -> bytes:
-        """Read `count` bytes of an answer from the copy of this process; raises as `ask` does.
+        """Read `count` bytes of an answer from the copy of this process.
 
         Args:
             count: How many bytes.
             until: When waiting stops, an instant of `time.monotonic` [s].
-            wait: Called each time that nothing has come for `POLL` seconds.
+            wait: Called each time that nothing has come for `POLL` seconds, to show that something goes on.
+
+        Raises:
+            EOFError: The copy has ended.
+            TimeoutError: The bytes did not come in time.
+            KeyboardInterrupt: A signal came, and not all of the bytes within `GRACE` after it.
         """
         content = bytearray()
         while len(content) < count:

@@ -196,8 +196,8 @@ def _within_the_robots(limits: Mapping[str, PartLimits], earlier_fields: Fields,
 def _monitor_faults(monitor: MonitorSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Yield errors of a monitor, by which a task judges a measured quantity of a run.
 
-    It has to bound something, and to be about frames or parts that exist: two for a distance, one for a speed, and none
-    or two for a clearance, which has to be kept somewhere in its stage.
+    A monitor needs a bound. It is about frames of the robot that exist, two different ones for a distance and one for a
+    speed; or, for a clearance, about none or two parts, see `_monitored_clearance_faults`.
 
     Args:
         monitor: A valid entry of the key `monitors` of a task.
@@ -211,14 +211,17 @@ def _monitor_faults(monitor: MonitorSpec, earlier_fields: Fields, context: Conte
     if all(getattr(monitor, bound) is None for bound in bounds):
         yield (), expected(f"one of {', '.join(bounds)}", "no bound", at_key=True)
     is_clearance = monitor.quantity == "clearance"
-    valid = names_of_parts(context) if is_clearance else list(context.sizes)
-    unknown = [i for i, name in enumerate(monitor.of) if valid and name not in valid]
-    yield from ((("of", i), flaw(choice(monitor.of[i], valid))) for i in unknown)
+    # names that may be given; none where the robot is not valid, and then no name is wrong
+    possible = names_of_parts(context) if is_clearance else list(context.sizes)
+    unknown = [i for i, name in enumerate(monitor.of) if possible and name not in possible]
+    yield from ((("of", i), flaw(choice(monitor.of[i], possible))) for i in unknown)
     if is_clearance:
         yield from _monitored_clearance_faults(monitor, earlier_fields)
         return
-    number = 2 if monitor.quantity == "distance" else 1
-    if not (unknown or len(monitor.of) == len(set(monitor.of)) == number):
+    wanted = 2 if monitor.quantity == "distance" else 1
+    different = len(set(monitor.of))
+    has_wanted_frames = different == len(monitor.of) == wanted
+    if not unknown and not has_wanted_frames:
         yield ("of",), expected("two different frames for a distance, one for a speed")
 
 

@@ -132,6 +132,9 @@ def _entries_of_list(text: str) -> list[str]:
 def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> dict[str, list[Task]]:
     """Load a task in several variants, whose closed loops give the windows that solvers are then timed on.
 
+    A window is the optimization problem of one sample. Variants differ in the mesh of a window and in the controller,
+    `psmpc` or `smpc`: the only ones whose windows have several stages. Shares, solves for the log alone, are left out.
+
     Args:
         reference: The task, its file or the name of a built-in one.
         changes: Keys to change in it, each `path=value`.
@@ -151,15 +154,14 @@ def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> di
                 "--nodes"
             )
     common_changes = (*changes, "solver.kind=sqp", "log.shares=false")
-    tasks = {
-        mesh: [
-            load_task(
-                reference, [*common_changes, (f"--nodes {mesh}", f"controller.nodes={mesh}"), f"controller.kind={kind}"]
-            )
-            for kind in CONTROLLERS
+    tasks = {}
+    for mesh in _entries_of_list(nodes):
+        # messages about this change are to name what the user has written
+        change_of_mesh = (f"--nodes {mesh}", f"controller.nodes={mesh}")
+        tasks[mesh] = [
+            load_task(reference, [*common_changes, change_of_mesh, f"controller.kind={kind}"]) for kind in CONTROLLERS
         ]
-        for mesh in _entries_of_list(nodes)
-    }
+    # neither mesh nor controller changes what the robot can reach: to check one variant is enough
     ensure_feasible(next(iter(tasks.values()))[0])
     return tasks
 

@@ -66,6 +66,15 @@ def test_attitude_is_a_rotation_vector_beside_its_angle_to_the_target(run: Run) 
     assert plot_overlay({"psmpc": run}).axes[3].get_ylabel() == "Base attitude x\n(rad)"
 
 
+def test_the_lowest_panel_of_each_column_has_the_axis_of_time() -> None:
+    run = simulate(load_task("servicing", {"controller.nodes": 5, "time_limit": 0.3, "log.shares": False}))
+    panels = plot_overlay({"psmpc": run}).axes
+    shown = [axes for axes in panels if axes.get_visible()]
+    assert len(shown) < len(panels)  # the last row is not full
+    has_time = [axes.get_xlabel() == "Time (s)" and axes.xaxis.get_tick_params()["labelbottom"] for axes in shown]
+    assert has_time == [False] * (len(shown) - 3) + [True] * 3
+
+
 @pytest.mark.parametrize("figure", ["states", "velocities", "controls", "errors"])
 def test_all_angles_of_a_figure_are_in_radians(run: Run, figure: str) -> None:
     labels = [axes.get_ylabel() for axes in figures_of("run")[figure](run).axes]

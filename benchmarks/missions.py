@@ -26,9 +26,9 @@
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift  the same by what else the controller does not know
-    loads       missions of `plane` with an object of 5 to 60 kg whose mass is estimated, or known: 50 missions
-    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 25 missions
-    delay_tour  tours of the planar robot, the same: 25 tours
+    loads       missions of `plane` with an object of 5 to 60 kg whose mass is estimated, or known: 100 missions
+    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 50 missions
+    delay_tour  tours of the planar robot, the same: 50 tours
     delay_others  missions of `plane` by some of these delays under every controller: 10 missions
     timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
@@ -543,10 +543,10 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "masses": ("plane", PLANNED, range(5)),
     "load": ("plane", PLANNED, range(5)),
     "drift": ("plane", PLANNED, range(5)),
-    "delay": ("plane", ("psmpc",), range(25)),
-    "delay_tour": ("tour", ("psmpc",), range(25)),
+    "delay": ("plane", ("psmpc",), range(50)),
+    "delay_tour": ("tour", ("psmpc",), range(50)),
     "delay_others": ("plane", PLANNED, range(10)),
-    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 50)),
+    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 100)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }

@@ -26,8 +26,8 @@ class Attempt:
     Attributes:
         sequence: The stages in the window that counts.
         solution: Its solve; its wall time is that of all.
-        unfinished: The solve of a window with a stage that has appeared, which ran out of iterations or time: the next
-            sample goes on from it.
+        unfinished: The solve that was tried first, if it ran out of iterations or time before an iterate counted: the
+            next sample goes on from it.
     """
 
     sequence: MovingSequence
@@ -60,7 +60,7 @@ class Attempts:
             stages: All stages of the task, placed at this sample.
             prediction: The last plan, shifted; it begins at the measured state.
             previous: The solve of the sample before; None at the first sample.
-            unfinished: The solve of a window with one more stage that the sample before left unfinished; else None.
+            unfinished: A solve that the sample before left unfinished; else None.
             applied: Acceleration that was commanded last (n,); (0,) where changes of acceleration neither cost nor are
                 limited.
         """
@@ -104,7 +104,7 @@ class Attempts:
         solver = self._solver if longer is None else self._solver_of_longer
         solved = self._solve(longer or sequence, self._unfinished, solver)
         ran_out = solved.outcome in (Outcome.ITERATION_LIMIT, Outcome.DEADLINE)
-        unfinished = solved if longer is not None and ran_out else None
+        unfinished = solved if ran_out else None
         if longer is not None:  # step 1 has been made
             if solved.outcome.usable and self._keeps_limits(solved):
                 return Attempt(longer, solved, unfinished)

@@ -28,7 +28,7 @@ class Memory:
         plans: The plans in force.
         solution: The last solve.
         levels: The last solutions of the levels of HTMPC.
-        unfinished: A solve with a stage that had appeared, which ran out of iterations or time.
+        unfinished: A solve that ran out of iterations or time.
         estimate: What is known of the robot; None before the first measurement.
         target_object: What is known of an object that moves.
         load: What is known of its mass and moments; `NO_LOAD` where they are not to be found out.

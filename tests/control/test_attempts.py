@@ -12,8 +12,9 @@ import pytest
 from psmpc_cli.control import Controller
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.run import Experiment, closed_loop
+from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop
 from psmpc_cli.solvers import Outcome, Solution, Solver
+from psmpc_cli.specs.load import load_task
 
 from .short_transports import SHORT, run, with_failures
 
@@ -36,6 +37,12 @@ def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(ex
     resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
+
+
+def test_a_first_window_that_ran_out_of_iterations_goes_on_at_the_next_sample() -> None:
+    changes = {"solver.max_iterations": 2, "solver.entry_iterations": None, "controller.nodes": 12, "log.shares": False}
+    commands = [s.command for s in islice(closed_loop(build_experiment(load_task("thrust_and_reach", changes))), 4)]
+    assert [command.outcome for command in commands] == [Outcome.ITERATION_LIMIT, *3 * [Outcome.FEASIBLE]]
 
 
 def test_entering_stages_are_solved_over_several_samples_where_their_iterations_are_limited(

@@ -147,10 +147,11 @@ def _look_of_run_weights(results: Results) -> dict[str, Any]:
 
 
 def plot_fronts_over_instant(results: Results) -> Figure:
-    """Plot for each sample the fronts with the switch time held ever later, with this time as the third axis.
+    """Plot in one panel for each sample the Pareto fronts of the costs of two stages, for a series of switch times.
 
-    The other axes are both costs [s]. On the floor of each panel are the projections of the fronts. Where those of
-    later switch times cross those of earlier ones, the later switch time becomes the better choice, or the worse one.
+    Each front is of windows whose switch time between the stages is held. This time is the third axis; the others are
+    both costs, normalized integrals over time [s]. On the floor of each panel are the projections of the fronts: where
+    two of them cross, which of the two switch times is the better choice depends on the weights of the costs.
     """
     samples = len(results["instant"])
     rows = -(-samples // 3)  # rounded up

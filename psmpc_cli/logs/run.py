@@ -365,9 +365,10 @@ class Run:
     def spans(self) -> tuple[Span, ...]:
         """The time spans of all stages that were reached, in order, for figures and reports.
 
-        A stage begins at the switch time of the one before. It may act on the control before that, which is its early
-        start. A stage of which there is only an early start has `start` at the end of the run. If the sequence returned
-        to an earlier stage, after grippers missed or lost the object, stages occur once for each try.
+        A stage begins at the switch time of the one before. Plans reach beyond the switch, so that the cost of the next
+        stage may change the control earlier: that is its early start. A stage of which there is only an early start has
+        `start` at the end of the run. If the sequence returned to an earlier stage, after grippers missed or lost the
+        object, stages occur once for each try; `stages` has the times of the last try alone.
 
         Raises:
             LogError: The run has no samples; or as for `task`.

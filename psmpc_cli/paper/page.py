@@ -25,7 +25,8 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
 
     A claim is a statement of the paper, a finding what became of it here. Claims about priorities are judged by a study
     of weights, and those about trade-offs between two stages by Pareto fronts at several samples, if they were
-    computed.
+    computed. The template says what is on the page; here it gets what it writes about, and the modules of which it
+    uses functions and constants.
 
     Args:
         reproduction: What was run for the claims, and their findings.
@@ -49,8 +50,7 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
         apart=claims.APART,
         # where the paper was searched for a claim is no column of the page, but a line below the claim
         headings=[heading for heading in claims.HEADINGS if heading != "searched"],
-        # modules whose functions and constants the template uses
-        judge=judge,
+        judge=judge,  # this and the next two are modules
         tolerances=missions,
         study=fronts,
         recommended=recommend(reproduction.weights).sentence,

@@ -98,13 +98,16 @@ def stored_that_acts(model: RobotModel) -> int:
 def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
     """Build the integrator of the full dynamics over one piece of constant input, with an adaptive step.
 
+    It is the reference with which `psmpc verify` checks the fixed steps of plants, and plans.
+
     Time runs from 0 to 1, so that one integrator serves pieces of any length: the length, which is the last parameter,
     multiplies the rates. Outputs are at `INSIDE` equidistant times.
 
     Args:
         model: The robot.
-        under_law: Whether the input is an acceleration that the low-level law follows at every instant, in a chart
-            whose anchor follows the input; otherwise it is a generalized force, held over the piece.
+        under_law: Whether the input is an acceleration that the low-level law follows at every instant, of coordinates
+            in a chart: three numbers for the attitude near that of its anchor, which is a parameter. Otherwise the
+            input is a generalized force, held over the piece.
 
     Returns:
         CasADi integrator with the initial state x0 = [Q; v] (nq + n,) and the parameters p = [what wheels store at the

@@ -366,7 +366,11 @@ class AsWritten:
 
 
 def part_faults(
-    numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, written: AsWritten | None = None
+    numbers: Any,
+    axes: Axes,
+    required: Collection[str] = (),
+    one_suffices: bool = False,
+    written: AsWritten | None = None,
 ) -> RuleErrors:
     """Yield errors of numbers that are given by part of the robot, such as a target, weights or tolerances.
 
@@ -376,7 +380,7 @@ def part_faults(
         numbers: Lists by part, or lists of such rows beside the key `times`; anything else has no errors here.
         axes: The names of the numbers of every part.
         required: The parts that must be there.
-        one: Whether one number may stand for all of a part.
+        one_suffices: Whether one number may stand for all of a part.
         written: How their units are judged; None where they are validated numbers, or have no units.
 
     Yields:
@@ -398,10 +402,10 @@ def part_faults(
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
         rows = {(key, i): row_at_time for i, row_at_time in enumerate(row)} if times else {(key,): row}
         for at, numbers_of_part in rows.items():
-            yield from length_errors(at, numbers_of_part, key, axes, given, one, written)
+            yield from length_errors(at, numbers_of_part, key, axes, given, one_suffices, written)
 
 
-def in_joint_space(required: bool = False, one: bool = False, positions: bool = False) -> WrapValidator:
+def in_joint_space(required: bool = False, one_suffices: bool = False, positions: bool = False) -> WrapValidator:
     """Create the validator of numbers by part of Q (`positions`) or of v, all of its parts or some.
 
     Further arguments are as for `part_faults`.
@@ -410,7 +414,7 @@ def in_joint_space(required: bool = False, one: bool = False, positions: bool = 
     def rule(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
         axes = axes_of(context.sizes, "joint", of_error=not positions)
         units = AsWritten(context.sliding, "position" if positions else "velocity")
-        yield from part_faults(written, axes, axes if required else (), one, units)
+        yield from part_faults(written, axes, axes if required else (), one_suffices, units)
 
     return validated_by(rule, as_written=True)
 
@@ -421,7 +425,7 @@ def length_errors(
     key: str,
     axes: Axes,
     given: Collection[str],
-    one: bool = False,
+    one_suffices: bool = False,
     written: AsWritten | None = None,
 ) -> RuleErrors:
     """Yield errors of one list of numbers by part: a wrong length, and units that do not fit the coordinates.
@@ -432,7 +436,7 @@ def length_errors(
         key: Its key: a part, or `arms` for every arm without a list of its own.
         axes: The names of the numbers of every part.
         given: Keys of all lists.
-        one: Whether one number may stand for all of a part.
+        one_suffices: Whether one number may stand for all of a part.
         written: How units are judged, also that a large angle has one; None where numbers have no units.
 
     Yields:
@@ -441,19 +445,19 @@ def length_errors(
     parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
     is_list = isinstance(row, list | tuple)
     if not (parts and is_list):
-        if written is not None and one:  # one number for all of the part
+        if written is not None and one_suffices:  # one number for all of the part
             yield from unit_misfits(at, row, [(part, axis) for part in parts for axis in axes[part]], written)
         return
     for part in parts:
-        if len(row) not in (len(axes[part]), 1 if one else None):
+        if len(row) not in (len(axes[part]), 1 if one_suffices else None):
             named = "" if axes[part][0].isdigit() else f" ({', '.join(axes[part])})"
             length = counted(len(axes[part]), "entry", "entries")
-            yield at, expected(f"{length} for {part}{named}{', or one' if one else ''}")
+            yield at, expected(f"{length} for {part}{named}{', or one' if one_suffices else ''}")
             break
     if written is None:
         return
     for i, item in enumerate(row):
-        stands_alone = one and len(row) == 1  # for every coordinate of its part
+        stands_alone = one_suffices and len(row) == 1  # for every coordinate of its part
         meant = [(part, axis) for part in parts for axis in (axes[part] if stands_alone else axes[part][i : i + 1])]
         values = [((i, j), value) for j, value in enumerate(item)] if isinstance(item, list) else [((i,), item)]
         for place, value in values:

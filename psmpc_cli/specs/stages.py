@@ -116,8 +116,9 @@ def _weighs(weights: float | Mapping[str, tuple[float, ...]]) -> bool:
 def _weight_faults(weights: SkillWeights, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Yield errors of the weights in the cost of a skill: missing parts, wrong lengths, and weights of nothing.
 
-    Weights of the error are by part of the space of the skill. Weights of the control, force and rate of the control
-    are by part of the space of its input. A base that nothing turns has no control.
+    Weights of the error are by part of the space of the skill, and one number may stand for all of a part. Weights of
+    the control, the force and the rate of the control are by part of the space of its input; force and rate are of
+    joints, so that an input in task space leaves them out. A base that nothing turns has no control.
 
     Args:
         weights: The valid key `weights` of a skill.
@@ -130,7 +131,7 @@ def _weight_faults(weights: SkillWeights, earlier_fields: Fields, context: Conte
     if earlier_fields.get("space") is not None and "parts" in earlier_fields:
         space = space_of(earlier_fields["space"], earlier_fields["parts"])
         axes = axes_of(context.sizes, space)
-        yield from part_faults(weights.parts, axes, context.required(required_parts(axes, space)), one=True)
+        yield from part_faults(weights.parts, axes, context.required(required_parts(axes, space)), one_suffices=True)
     axes = axes_of(context.sizes, earlier_fields.get("input", "joint"))
     if not any(traits.is_turned for traits in context.mobilities):
         axes = {part: axes[part] for part in axes if part != "base"}
@@ -384,12 +385,12 @@ def _end_faults(end: EndCondition, earlier_fields: Fields, context: Context) -> 
     axes = axes_of(sizes, space)
     needed = [part for part in axes if any(key == "all" or stands_for(key, part) for key in keys)]
     for key in ("tolerance", "velocity"):
-        for at, error in part_faults(getattr(end, key), axes, needed, one=True):
+        for at, error in part_faults(getattr(end, key), axes, needed, one_suffices=True):
             yield (key, *at), error
     if end.moving is not None:
         if end.velocity is None:
             yield ("moving",), expected('also "velocity": how near the rates are to these', at_key=True)
-        for at, error in part_faults(end.moving, axes, one=True):
+        for at, error in part_faults(end.moving, axes, one_suffices=True):
             yield ("moving", *at), error
         for part in end.moving:
             if part in axes and not any(key in ("all", part) or stands_for(key, part) for key in keys):
@@ -424,7 +425,9 @@ def _end_unit_faults(written: Any, earlier_fields: Fields, context: Context) -> 
     for key, units in units_by_key.items():
         numbers = written.get(key)
         if isinstance(numbers, Mapping):
-            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=units))
+            yield from (
+                ((key, *at), error) for at, error in part_faults(numbers, axes, one_suffices=True, written=units)
+            )
         else:  # one number for all coordinates that the end condition bounds
             yield from unit_misfits((key,), numbers, bounded, units_of_errors)
 

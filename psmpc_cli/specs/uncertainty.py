@@ -20,10 +20,10 @@ _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fi
 class FrictionSpec(Spec):
     """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width), of sliding joints a force."""
 
-    viscous: Annotated[_ByArm, in_joint_space(one=True)] = Field(
+    viscous: Annotated[_ByArm, in_joint_space(one_suffices=True)] = Field(
         0.0, description="one number or numbers by arm, of sliding joints in N s/m [N m s/rad]"
     )
-    coulomb: Annotated[_ByArm, in_joint_space(one=True)] = Field(
+    coulomb: Annotated[_ByArm, in_joint_space(one_suffices=True)] = Field(
         0.0, description="one number or numbers by arm, of sliding joints in N [N m]"
     )
     width: fields.Positive = Field(
@@ -159,7 +159,7 @@ class UncertaintySpec(Spec):
     jitter: fields.Sparse[fields.Seconds] = Field(
         0.0, description="standard deviation of each command's delay; commands arrive in order [s]"
     )
-    force_share: Annotated[_Shares, in_joint_space(one=True)] = Field(
+    force_share: Annotated[_Shares, in_joint_space(one_suffices=True)] = Field(
         1.0,
         exclude_if=_all_one,
         description="the true limits of forces over the declared ones, one number or numbers by part",

@@ -196,7 +196,9 @@ class RouteGuide(Guide):
     def _straight_motions(
         self, stage: int, chart: Chart, sample: SampleContext, margin: float
     ) -> StraightMotions | None:
-        """Return what tests straight motions of the robot for collisions, with all around at its place at a sample.
+        """Return tests of straight motions for collisions, of which the planner of routes makes a route.
+
+        Obstacles and the object are where they are at the sample, and stay there.
 
         Args:
             stage: Index of the stage, which says what has to keep clear of what.

@@ -126,6 +126,7 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
         return bool(base_reacts or (object_drifts and stage.on_object))
 
     def says_all_joints(stage: Stage) -> bool:
+        # rows of the error stand in the order of base, then arms; they are relevant with a weight or an end condition
         first_row = 0 if stage.moved_by.actuated else model.space.n_twist  # a base that stays need not be asked for
         asks_for_all = has_posture(model.spec.arms, stage.space) and stage.relevant_rows[first_row:].all()
         return bool(asks_for_all) and not depends_on_the_way(stage)

@@ -8,8 +8,7 @@
 In a draw the object drifts and turns by up to 1 cm/s and 1 deg/s about each axis and is up to 30 % heavier or lighter
 than the task says; measurements are noisy, commands are late, and nobody has declared any of it. The settings of the
 tasks were chosen on seeds from 1000 on, after earlier ones had lost 6 of 35, 3 of 24 and 7 of 100 objects on the seeds
-from 0 and from 100 on. The draws in the plane therefore begin at a seed that nobody had looked at; those in space, of
-which there are some from seed 100 on, have no second try.
+from 0 and from 100 on. The draws therefore begin at a seed that nobody had looked at.
 """
 
 import json

@@ -137,7 +137,8 @@ class Placer:
         _, v = chart.from_chart(x[None])
         sample_time = self._problem.spec.controller.sample_time
         return tuple(
-            stage.with_speed_reserve(stage.limits.speed_reserve(wanted, v[0], sample_time)) for stage in stages
+            stage.with_speed_reserve(stage.limits.available_speed_reserve(wanted, v[0], sample_time))
+            for stage in stages
         )
 
     def sampled_arguments(

@@ -659,7 +659,7 @@ class Limits:
         """Upper bounds of [Q; Qdot] (2n,)."""
         return np.concatenate([self.position_high, self.velocity_high])
 
-    def speed_reserve(self, wanted: Vector, v: Vector, sample_time: float) -> Vector:
+    def available_speed_reserve(self, wanted: Vector, v: Vector, sample_time: float) -> Vector:
         """Return by how much limits of velocities can be tighter now, so that a robot at rest or in motion keeps them.
 
         At most `LARGEST_SPEED_RESERVE` of a limit is held in reserve, so that the robot can still move. A robot that
@@ -680,7 +680,7 @@ class Limits:
         return np.asarray(np.minimum(taken, np.fmax([room_below, room_above], 0.0)))
 
     def with_speed_reserve(self, reserve: Vector) -> "Limits":
-        """Return limits of which those of velocities are tighter by a reserve, (2, n), see `speed_reserve`."""
+        """Return limits of which those of velocities are tighter by a reserve (2, n), see `available_speed_reserve`."""
         raised, lowered = reserve
         return replace(self, velocity_low=self.velocity_low + raised, velocity_high=self.velocity_high - lowered)
 

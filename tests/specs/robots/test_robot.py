@@ -382,7 +382,7 @@ def test_a_robot_that_brakes_gently_keeps_limits_with_a_reserve_of_speed(
     wanted: float, v: float, limit: float, acceleration: float
 ) -> None:
     limits = limits_of_speed(limit, acceleration)
-    reserve = limits.speed_reserve(np.full(9, wanted), np.full(9, v), sample_time=0.1)
+    reserve = limits.available_speed_reserve(np.full(9, wanted), np.full(9, v), sample_time=0.1)
     assert ((reserve >= 0) & (reserve <= min(wanted, 0.2 * limit))).all()
     tightened = limits.with_speed_reserve(reserve)
     braked = v - np.clip(v, -0.05 * acceleration * 0.1, 0.05 * acceleration * 0.1)
@@ -393,7 +393,7 @@ def test_a_robot_that_brakes_gently_keeps_limits_with_a_reserve_of_speed(
 def test_a_speed_that_was_not_measured_or_is_beyond_its_limit_leaves_no_reserve() -> None:
     limits = limits_of_speed(0.15, 0.5)
     v = np.r_[np.nan, 0.2, -0.2, np.zeros(6)]
-    raised, lowered = limits.speed_reserve(np.full(9, 0.01), v, sample_time=0.1)
+    raised, lowered = limits.available_speed_reserve(np.full(9, 0.01), v, sample_time=0.1)
     np.testing.assert_array_equal(raised[:3], [0.0, 0.01, 0.0])
     np.testing.assert_array_equal(lowered[:3], [0.0, 0.0, 0.01])
 
